@@ -1,0 +1,36 @@
+"""Received power and noise of the one-way link (Friis)."""
+
+import numpy as np
+
+from .constants import BOLTZMANN, SPEED_OF_LIGHT, STANDARD_NOISE_TEMPERATURE
+
+
+def free_space_loss(distance, frequency):
+    """Return the one-way free-space basic transmission loss 20 log10(4 pi d f / c) [dB] (ITU-R P.525).
+
+    Args:
+        distance: antenna distance [m].
+        frequency: [Hz].
+    """
+    return 20.0 * np.log10(4.0 * np.pi * distance * frequency / SPEED_OF_LIGHT)
+
+
+def received_power(tx_eirp, rx_antenna_gain, distance, frequency):
+    """Return the power at the receive antenna port [dBm]; EIRP in dBm, gain in dBi, distance in m, frequency in Hz."""
+    return tx_eirp + rx_antenna_gain - free_space_loss(distance, frequency)
+
+
+def noise_density(noise_figure):
+    """Return the thermal noise density referred to the antenna port, k T_0 F [dBm/Hz], of a noise figure [dB]."""
+    return 10.0 * np.log10(BOLTZMANN * STANDARD_NOISE_TEMPERATURE * 1e3) + noise_figure
+
+
+def quantisation_noise_density(full_scale_power, full_scale, sample_rate):
+    """Return the density of ideal quantisation noise at the antenna port [dBm/Hz].
+
+    Args:
+        full_scale_power: power of a full-scale sine at the antenna port [dBm].
+        full_scale: ADC code of full scale [LSB].
+        sample_rate: [Hz]; the noise 1/12 LSB^2 spreads evenly up to half of it (Bennett 1948).
+    """
+    return full_scale_power + 10.0 * np.log10((1.0 / 12.0) / (full_scale**2 / 2.0) / (sample_rate / 2.0))

@@ -1,0 +1,45 @@
+"""Phase noise of a PLL synthesiser: one-pole shape, flat inside the loop, -20 dB per decade above its corner."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+LEVEL_OFFSET = 100e3
+"""Offset at which StationCalibration states the level [Hz]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PhaseNoise:
+    """One oscillator's phase noise."""
+
+    level: float  # single side-band at 100 kHz offset [dBc/Hz]
+    corner: float  # [Hz]
+
+    @property
+    def known(self) -> bool:
+        """False where level or corner is not characterised (NaN)."""
+        return math.isfinite(self.level) and math.isfinite(self.corner)
+
+    @property
+    def plateau(self) -> float:
+        """Single side-band density inside the loop, L(0) [1/Hz]."""
+        return 10.0 ** (self.level / 10.0) * (1.0 + (LEVEL_OFFSET / self.corner) ** 2)
+
+    def single_sideband(self, offset):
+        """Return L(offset) [1/Hz], offset in Hz (IEEE Std 1139)."""
+        return self.plateau / (1.0 + (np.asarray(offset) / self.corner) ** 2)
+
+    def phase_density(self, offset):
+        """Return the one-sided phase density S_phi = 2 L [rad^2/Hz] (IEEE Std 1139)."""
+        return 2.0 * self.single_sideband(offset)
+
+
+def combination_gain(frequency, delay):
+    """Return 4 sin^2(pi f tau): power gain of an oscillator's phase noise through the combination of both stations.
+
+    Args:
+        frequency: offset frequency [Hz].
+        delay: of the path [s].
+    """
+    return 4.0 * np.sin(np.pi * np.asarray(frequency) * delay) ** 2
