@@ -1,0 +1,1 @@
+"""From the beat frequencies of two stations to their distance."""

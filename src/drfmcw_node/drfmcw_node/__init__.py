@@ -1,0 +1,1 @@
+"""One sensor-node of the radar: from IF samples to beat frequencies."""

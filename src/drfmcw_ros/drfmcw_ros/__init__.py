@@ -1,0 +1,1 @@
+"""Plumbing that every drfmcw node shares: parameters, QoS, diagnostics, shutdown, message boundary, bags."""

@@ -1,0 +1,21 @@
+"""Installs drfmcw_ros where ROS 2 looks for it."""
+
+from setuptools import find_packages, setup
+
+NAME = "drfmcw_ros"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test", "test.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+        ("share/" + NAME, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="drfmcw maintainers",
+    maintainer_email="drfmcw@example.com",
+    description="Plumbing every node shares: parameters from declared settings, QoS, diagnostics, shutdown, message boundary, bags.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,1 @@
+"""Simulator of the cooperative FMCW radar: signal model, effects, scenario, node."""
