@@ -1,0 +1,63 @@
+"""Diagnostics of a node on /diagnostics at 1 Hz (REP 107)."""
+
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from .qos import RELIABLE, publisher
+
+OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+
+
+class Status:
+    """What one diagnostic task says: the worst level so far, its messages and its values."""
+
+    def __init__(self) -> None:
+        """Start with OK and nothing to say."""
+        self.level = OK
+        self.messages: list[str] = []
+        self.values: dict[str, Any] = {}
+
+    def report(self, level: bytes, message: str) -> None:
+        """Add a message; the level only ever rises."""
+        self.level = max(self.level, level)
+        self.messages.append(message)
+
+    def value(self, key: str, value: Any) -> None:
+        """Add a value; floats are shown with six digits."""
+        self.values[key] = f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+class Diagnostics:
+    """Publishes the node's diagnostic tasks, named ``node: Task``, once a second."""
+
+    def __init__(self, node: Node, hardware_id: str) -> None:
+        """Create the publisher and its 1 Hz timer."""
+        self._node = node
+        self._hardware_id = hardware_id
+        self._tasks: list[tuple[str, Callable[[Status], None]]] = []
+        self._publisher = publisher(node, DiagnosticArray, '/diagnostics', RELIABLE)
+        self._timer = node.create_timer(1.0, self._publish)
+
+    def add(self, name: str, task: Callable[[Status], None]) -> None:
+        """Add a task that fills a `Status` each second."""
+        self._tasks.append((name, task))
+
+    def _publish(self) -> None:
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        for name, task in self._tasks:
+            status = Status()
+            task(status)
+            message.status.append(
+                DiagnosticStatus(
+                    level=status.level,
+                    name=f'{self._node.get_name()}: {name}',
+                    message='; '.join(status.messages) or 'OK',
+                    hardware_id=self._hardware_id,
+                    values=[KeyValue(key=k, value=v) for k, v in status.values.items()],
+                )
+            )
+        self._publisher.publish(message)
