@@ -1,0 +1,48 @@
+"""Names and types of all topics of the contract, in one place."""
+
+STATION_TOPICS = {
+    'sweep_config': 'drfmcw_msgs/msg/SweepConfig',
+    'calibration': 'drfmcw_msgs/msg/StationCalibration',
+    'if_samples': 'drfmcw_msgs/msg/IfSamples',
+    'if_samples_compressed': 'drfmcw_msgs/msg/CompressedIfSamples',
+    'if_spectrum': 'drfmcw_msgs/msg/IfSpectrum',
+    'beat_frequency': 'drfmcw_msgs/msg/BeatFrequency',
+    'status': 'drfmcw_msgs/msg/StationStatus',
+    'sweep_request': 'drfmcw_msgs/msg/SweepConfig',
+}
+"""Last name of a topic in a station's namespace: its type."""
+
+SITE_TOPICS = {
+    '/site/temperature': 'sensor_msgs/msg/Temperature',
+    '/site/pressure': 'sensor_msgs/msg/FluidPressure',
+    '/site/humidity': 'sensor_msgs/msg/RelativeHumidity',
+    '/reference/range': 'drfmcw_msgs/msg/ReferenceRange',
+}
+"""Topics of the site and of the reference instrument."""
+
+PAIR_TOPICS = {
+    'range': 'drfmcw_msgs/msg/RangeEstimate',
+    'range_sensor': 'sensor_msgs/msg/Range',
+}
+"""Last name of a topic under /<first>/<second>: its type."""
+
+MEASURED_STATION_TOPICS = ('sweep_config', 'calibration', 'if_samples', 'status')
+"""What a station measures or is set to; everything else is computed from it."""
+
+_LATCHED = ('sweep_config', 'calibration', 'sweep_request')
+
+
+def is_latched(topic: str) -> bool:
+    """Return True for topics whose last message reaches late joiners (transient local)."""
+    return topic.rsplit('/', 1)[-1] in _LATCHED
+
+
+def is_measured(topic: str) -> bool:
+    """Return True for topics that cannot be computed from others."""
+    return topic in SITE_TOPICS or topic.rsplit('/', 1)[-1] in MEASURED_STATION_TOPICS
+
+
+def split_station_topic(topic: str) -> tuple[str, str]:
+    """Return (station, last name) of a topic in a station's namespace, ('', last name) where it is in none."""
+    station, _, name = topic.lstrip('/').rpartition('/')
+    return station, name
