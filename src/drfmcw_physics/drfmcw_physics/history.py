@@ -1,0 +1,40 @@
+"""Values that hold from a stamp on, looked up by stamp: what makes live and offline results equal."""
+
+import bisect
+from typing import Generic, TypeVar
+
+T = TypeVar('T')
+
+
+class History(Generic[T]):
+    """Values in order of their stamps; the newest not later than a stamp is the one that holds there."""
+
+    def __init__(self, limit: int = 1000) -> None:
+        """Keep at most `limit` values, dropping the oldest."""
+        self._stamps: list[int] = []
+        self._values: list[T] = []
+        self._limit = limit
+
+    def __len__(self) -> int:
+        """Return the number of values kept."""
+        return len(self._stamps)
+
+    def add(self, stamp: int, value: T) -> None:
+        """Add a value that holds from `stamp` [ns] on; one with the same stamp is replaced."""
+        index = bisect.bisect_left(self._stamps, stamp)
+        if index < len(self._stamps) and self._stamps[index] == stamp:
+            self._values[index] = value
+            return
+        self._stamps.insert(index, stamp)
+        self._values.insert(index, value)
+        if len(self._stamps) > self._limit:
+            del self._stamps[0], self._values[0]
+
+    def at(self, stamp: int) -> tuple[int, T] | None:
+        """Return (its stamp, the value) that holds at `stamp` [ns], None where none does yet."""
+        index = bisect.bisect_right(self._stamps, stamp) - 1
+        return (self._stamps[index], self._values[index]) if index >= 0 else None
+
+    def latest(self) -> T | None:
+        """Return the newest value, None where there is none."""
+        return self._values[-1] if self._values else None
