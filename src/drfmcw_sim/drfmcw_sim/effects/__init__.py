@@ -1,0 +1,14 @@
+"""Physical effects that the nominal model leaves out: one class per file, registered by its name.
+
+Names and parameters are those of the interfaces' registry. A scenario switches effects on in its list `effects`.
+"""
+
+import importlib
+import pkgutil
+
+from .base import Effect, effect_from_mapping
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f'{__name__}.{_module.name}')
+
+__all__ = ['Effect', 'effect_from_mapping']

@@ -1,0 +1,21 @@
+"""Less signal than the link budget says."""
+
+import dataclasses
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+
+
+@dataclasses.dataclass(frozen=True)
+class AmplitudeLoss(Effect, name='amplitude_loss', of='path'):
+    """Loss of the path beyond free space: constant (alignment), per distance (rain), or both."""
+
+    loss: float = parameter(0.0, unit='dB', bounds=(-60.0, 200.0), description='at every distance')
+    specific: float = parameter(0.0, unit='dB/km', bounds=(-100.0, 1000.0), description='in proportion to the distance')
+
+    def prepare(self, m: Measurements) -> None:
+        """Lower the received power."""
+        for station in m.stations:
+            station.received_power -= self.loss + self.specific * m.range / 1e3

@@ -1,0 +1,94 @@
+"""What an effect is: declared parameters, and hooks that act on delay, amplitude, clocks, phase and samples."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from drfmcw_physics.settings import ConfigurationError, from_mapping, nearest
+
+from ..signal_model import Measurements, Station
+
+
+@dataclasses.dataclass(frozen=True)
+class Effect:
+    """Base of all effects; a subclass gives its registered name: ``class Echo(Effect, name='echo')``."""
+
+    registry: ClassVar[dict[str, type['Effect']]] = {}
+    name: ClassVar[str] = ''
+    of: ClassVar[str] = 'path'  # 'station', 'path' or 'reference': what one instance belongs to
+    shapes_chirp: ClassVar[bool] = False  # True where chirp_phase is not zero
+
+    station: str = dataclasses.field(default='', kw_only=True)
+
+    def __init_subclass__(cls, name: str = '', of: str = 'path', **kwargs: Any) -> None:
+        """Register the effect under its name."""
+        super().__init_subclass__(**kwargs)
+        cls.name, cls.of = name, of
+        Effect.registry[name] = cls
+
+    def applies_to(self, station: str) -> bool:
+        """Return True where the effect acts at `station`; one without station acts at all."""
+        return not self.station or self.station == station
+
+    def own_stations(self, m: Measurements) -> list[Station]:
+        """Return the stations of the pair at which the effect acts."""
+        return [s for s in m.stations if self.applies_to(s.name)]
+
+    def prepare(self, m: Measurements) -> None:
+        """Change clocks, delays, paths, powers or noise of the measurements, in place."""
+
+    def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray | float:
+        """Return what the effect adds to the transmit phase of `station` [rad].
+
+        Args:
+            station: whose chirp it is.
+            u: true time since its sweep start, [n, samples] [s]; may lie outside the ramp.
+        """
+        return 0.0
+
+    def receive(
+        self,
+        signal: np.ndarray,
+        station: Station,
+        m: Measurements,
+        streams: Callable[[], list[np.random.Generator]],
+    ) -> None:
+        """Change the analogue IF of `station` before it is quantised, in place.
+
+        Args:
+            signal: float32 [n, samples], or [n, samples, 2] (I, Q) [LSB].
+            station: receiver.
+            m: the measurements.
+            streams: gives one random generator per sweep, independent of all others.
+        """
+
+    def reference_error(self, time: np.ndarray, distance: np.ndarray) -> np.ndarray | float:
+        """Return what the effect adds to the reference instrument's reading at `time` [s] and `distance` [m], in m."""
+        return 0.0
+
+
+def effect_from_mapping(mapping: Mapping[str, Any], where: str, stations: list[str]) -> Effect:
+    """Build an effect from one entry of a scenario's `effects`.
+
+    Args:
+        mapping: `effect` names it; the other keys are its parameters.
+        where: file and section, for messages.
+        stations: names of the scenario's stations.
+
+    Raises:
+        ConfigurationError: unknown effect, parameter or station, wrong value.
+    """
+    if not isinstance(mapping, Mapping) or 'effect' not in mapping:
+        raise ConfigurationError(f"{where}: expected a mapping with key 'effect', not {mapping!r}")
+    name = mapping['effect']
+    if name not in Effect.registry:
+        raise ConfigurationError(f"{where}: unknown effect '{name}'{nearest(name, sorted(Effect.registry))}")
+    effect = from_mapping(
+        Effect.registry[name], {k: v for k, v in mapping.items() if k != 'effect'}, f'{where}: {name}'
+    )
+    if effect.station and effect.station not in stations:
+        raise ConfigurationError(f"{where}: {name}: unknown station '{effect.station}'{nearest(effect.station, stations)}")
+    if effect.station and effect.of != 'station':
+        raise ConfigurationError(f'{where}: {name} belongs to the {effect.of}, it has no station')
+    return effect

@@ -1,0 +1,23 @@
+"""A station's hardware delay follows its board temperature."""
+
+import dataclasses
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+
+
+@dataclasses.dataclass(frozen=True)
+class DelayTemperature(Effect, name='delay_temperature', of='station'):
+    """Linear temperature coefficient of a station's delay, zero at the calibration temperature."""
+
+    slope: float = parameter(
+        unit='ps/K', bounds=(-1e4, 1e4), description='of the delay over board temperature, zero at calibration'
+    )
+
+    def prepare(self, m: Measurements) -> None:
+        """Lengthen every path."""
+        for station in self.own_stations(m):
+            for path in m.paths:
+                path.delay += 1e-12 * self.slope * (station.temperature - station.calibration_temperature)

@@ -1,0 +1,21 @@
+"""The reference oscillator runs off its calibration."""
+
+import dataclasses
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+from .clocks import shift_reference
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceClockOffset(Effect, name='reference_clock_offset', of='station'):
+    """Constant deviation of the reference, added to the calibrated alpha; the ADC clock moves with it."""
+
+    deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='added to the calibrated alpha')
+
+    def prepare(self, m: Measurements) -> None:
+        """Shift alpha and the ADC clock."""
+        for station in self.own_stations(m):
+            shift_reference(station, 1e-6 * self.deviation)

@@ -1,0 +1,23 @@
+"""The reference oscillator follows the board temperature."""
+
+import dataclasses
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+from .clocks import shift_reference
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of='station'):
+    """Linear temperature coefficient of alpha, zero at the calibration temperature; the ADC clock moves with it."""
+
+    slope: float = parameter(
+        unit='ppm/K', bounds=(-50.0, 50.0), description='of alpha over board temperature, zero at calibration'
+    )
+
+    def prepare(self, m: Measurements) -> None:
+        """Shift alpha and the ADC clock."""
+        for station in self.own_stations(m):
+            shift_reference(station, 1e-6 * self.slope * (station.temperature - station.calibration_temperature))

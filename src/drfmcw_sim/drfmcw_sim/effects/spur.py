@@ -1,0 +1,37 @@
+"""An unmodulated line in the IF."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements, Station
+from .base import Effect
+
+
+@dataclasses.dataclass(frozen=True)
+class Spur(Effect, name='spur', of='station'):
+    """A free-running line (switching regulator, clock harmonic), its phase random from sweep to sweep."""
+
+    frequency: float = parameter(unit='Hz', bounds=(0.0, 1e10), description='of the line in the IF')
+    level: float = parameter(unit='dBFS', bounds=(-200.0, 20.0), description='amplitude; a full-scale sine is 0 dBFS')
+
+    def receive(
+        self,
+        signal: np.ndarray,
+        station: Station,
+        m: Measurements,
+        streams: Callable[[], list[np.random.Generator]],
+    ) -> None:
+        """Add the line."""
+        start = np.array([generator.random() for generator in streams()])
+        n = np.arange(station.sweep.sample_count)
+        turns = start[:, None] + n * (self.frequency / station.sweep.sample_rate / station.sample_clock[:, None])
+        angle = (2.0 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+        amplitude = np.float32(station.full_scale * 10.0 ** (self.level / 20.0))
+        if station.iq:
+            signal[..., 0] += amplitude * np.cos(angle)
+            signal[..., 1] += amplitude * np.sin(angle)
+        else:
+            signal += amplitude * np.cos(angle)
