@@ -1,0 +1,379 @@
+"""Beat frequency of a batch of sweeps, with standard deviation, phase, power, signal-to-noise ratio and flags.
+
+Free of ROS. An estimator is made once per setting (`estimator`) and called with the samples of any number of sweeps; the
+result of each sweep is the same to the last bit whatever the batch.
+
+Conventions: frequencies count on the station's own nominal clock. The line is the one at positive frequency,
+A cos(phase), and `phase` is its phase at the nominal sweep's centre, T_sw/2 after the first sample. A quadrature
+receiver's line may stand at negative frequency; its sweep is then conjugated, so that the frequency reported is
+positive there too.
+"""
+
+import dataclasses
+import enum
+import functools
+import math
+
+import numpy as np
+from drfmcw_physics.bounds import additive_std, image_noise_ratio, phase_noise_std
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError, parameter
+from drfmcw_physics.sweep import SweepSettings, residual_chirp
+
+from .noise import NoiseMeter, oscillators
+from .spectral import ChirpZ, parabola_value, parabola_vertex, window_samples
+
+WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
+"""scipy.signal.get_window names that can be chosen."""
+
+_CHUNK = 1 << 17  # samples worked on at once: their temporaries stay in the cache
+_DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
+_LOBE_BINS = 4  # half width of the main lobe of the widest usual window
+
+
+class Flag(enum.IntFlag):
+    """Doubts about a beat frequency (bits of BeatFrequency.flags)."""
+
+    VALID = 0
+    WEAK_SIGNAL = 1
+    CLIPPED = 2
+    NEAR_DC = 4
+    NEAR_NYQUIST = 8
+    AMBIGUOUS = 16
+
+
+@dataclasses.dataclass(frozen=True)
+class EstimatorSettings:
+    """Settings of the beat-frequency estimation."""
+
+    estimator: str = parameter(
+        'paper', choices=('paper',), description='estimator: FFT, chirp-z zoom and parabola (paper)'
+    )
+    window: str = parameter('hann', choices=WINDOWS, description='window over the common part of both sweeps')
+    zoom_points: int = parameter(33, bounds=(5, 1025), description='points of the chirp-z zoom')
+    zoom_span: float = parameter(2.0, unit='bins', bounds=(1.0, 16.0), description='width of the chirp-z zoom')
+    guard_bins: float = parameter(
+        8.0, unit='bins', bounds=(2.0, 1e4), description='bins kept off 0 Hz and off the Nyquist frequency by the search'
+    )
+    minimum_frequency: float = parameter(
+        0.0, unit='Hz', bounds=(0.0, 1e10), description='lowest frequency searched, where above the guard'
+    )
+    maximum_frequency: float = parameter(
+        1e10, unit='Hz', bounds=(1.0, 1e10), description='highest frequency searched, where below the guard'
+    )
+    weak_threshold: float = parameter(
+        13.0, unit='dB', bounds=(0.0, 100.0), description='signal-to-noise ratio below which a line is flagged weak'
+    )
+    ambiguity_threshold: float = parameter(
+        6.0, unit='dB', bounds=(0.0, 60.0), description='a second line less than this below the first is flagged'
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse an empty search range."""
+        if self.minimum_frequency >= self.maximum_frequency:
+            raise ConfigurationError(
+                f'minimum_frequency = {self.minimum_frequency:g} Hz is not below '
+                f'maximum_frequency = {self.maximum_frequency:g} Hz'
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimates:
+    """Results of a batch of B sweeps; arrays of shape (B,), the fields of BeatFrequency."""
+
+    flags: np.ndarray  # uint8, bits of Flag
+    frequency: np.ndarray  # [Hz], on the station's own nominal clock; NaN where the sweep holds no signal at all
+    frequency_std: np.ndarray  # of this station's frequency alone [Hz]
+    phase: np.ndarray  # at the sweep's centre [rad]
+    power: np.ndarray  # at the receive antenna port [dBm]; NaN where full_scale_power is unknown
+    snr: np.ndarray  # line power over additive noise power in one bin of 1/ramp_duration [dB]
+    spectrum: np.ndarray | None  # magnitude (B, K) float32 [dBFS], None where not asked for
+    spectrum_start: float  # frequency of its first bin [Hz]
+    spectrum_step: float  # [Hz]
+
+
+class Estimator:
+    """What every estimator shares: window, de-chirping, coarse search, noise, standard deviation and flags.
+
+    A subclass says in `_refine` how the line is found around its strongest bin.
+    """
+
+    def __init__(
+        self,
+        sweep: SweepSettings,
+        settings: EstimatorSettings,
+        iq: bool = False,
+        own: Calibration | None = None,
+        peer: Calibration | None = None,
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
+
+        Args:
+            sweep: the station's settings.
+            settings: of the estimation.
+            iq: quadrature samples.
+            own: the station's calibration, None where unknown.
+            peer: the peer's; ignored where the station hears itself.
+
+        Raises:
+            ConfigurationError: the settings leave no window or no frequency to search.
+        """
+        self.sweep, self.settings, self.iq = sweep, settings, iq
+        rate, count = sweep.sample_rate, sweep.sample_count
+        start, end = sweep.analysis_window()
+        self.duration, self.center = end - start, (start + end) / 2
+        if self.duration * rate < 16:
+            raise ConfigurationError(f'station {sweep.station}: fewer than 16 samples lie in the analysis window')
+        # a length without large prime factors keeps the FFT fast; Table 1's 2048 stays as it is
+        self.length = _fft_length(count)
+        self.window = window_samples(settings.window, start, end, rate, count)
+        self._window_sum = float(self.window.sum())
+        window_power = float((self.window**2).sum())
+        bin_width, resolution = rate / self.length, 1.0 / self.duration
+        lowest = max(settings.guard_bins * resolution, settings.minimum_frequency)
+        highest = min(rate / 2 - settings.guard_bins * resolution, settings.maximum_frequency)
+        self._first, self._last = math.ceil(lowest / bin_width), math.floor(highest / bin_width)
+        if self._last - self._first < 2 * _LOBE_BINS:
+            raise ConfigurationError(
+                f'station {sweep.station}: no frequency to search between {lowest:g} Hz and {highest:g} Hz'
+            )
+        self._edges = (lowest + 2 * resolution, highest - 2 * resolution)
+        self._dechirp = self._chirp_factor(own, peer)
+        calibrations = (own,) if sweep.hears_itself else (own, peer)
+        self.noises = oscillators(*calibrations)
+        autocorrelation = np.abs(np.fft.fft(self.window**2, self.length)[: 2 * _LOBE_BINS] / window_power) ** 2
+        self.meter = NoiseMeter(
+            sweep=sweep,
+            noises=self.noises,
+            floor=own.noise_floor if own is not None else math.nan,
+            iq=iq,
+            length=self.length,
+            first_bin=self._first,
+            last_bin=self._last,
+            guard=2 * _LOBE_BINS,
+            correlated_bins=float(1.0 + 2.0 * autocorrelation[1:].sum()),
+            window_sum=self._window_sum,
+            window_power=window_power,
+        )
+        # each oscillator's noise passes whole into a single station's frequency
+        self._phase_noise_variance = sum(
+            phase_noise_std(n, self.duration, settings.window) ** 2 for n in self.noises if not sweep.hears_itself
+        )
+
+    def __call__(
+        self, samples: np.ndarray, full_scale: np.ndarray | float, spectrum: np.ndarray | None = None
+    ) -> Estimates:
+        """Estimate the beat frequency of each sweep.
+
+        Args:
+            samples: int16 (B, sample_count), or (B, 2 sample_count) I, Q, I, Q, ... of a quadrature receiver.
+            full_scale: ADC code of full scale [LSB], scalar or (B,).
+            spectrum: mask (B,) of the sweeps whose magnitude spectra are wanted; None for no spectra.
+        """
+        full_scale = np.broadcast_to(np.asarray(full_scale, float), len(samples))
+        rows = max(_CHUNK // self.sweep.sample_count, 1)
+        parts = [
+            self._estimate(samples[i : i + rows], full_scale[i : i + rows], None if spectrum is None else spectrum[i : i + rows])
+            for i in range(0, len(samples), rows)
+        ]
+        fields = parts[0] if len(parts) == 1 else [np.concatenate(p) for p in zip(*parts, strict=True)]
+        return Estimates(
+            *fields[:6],
+            spectrum=fields[6] if spectrum is not None else None,
+            spectrum_start=-(self.length // 2) * self.sweep.sample_rate / self.length if self.iq else 0.0,
+            spectrum_step=self.sweep.sample_rate / self.length,
+        )
+
+    def _refine(self, windowed: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (frequency [bins], complex amplitude of the windowed line at the window centre), each (B,)."""
+        raise NotImplementedError
+
+    def _chirp_factor(self, own: Calibration | None, peer: Calibration | None) -> np.ndarray | None:
+        """Return what takes the residual chirp off the line, None where it is negligible or unknown."""
+        if own is None or peer is None or self.sweep.hears_itself:
+            self.chirp = 0.0
+            return None
+        # the station counts time with its own ADC clock
+        self.chirp = residual_chirp(self.sweep, own.alpha, peer.alpha) / own.sample_clock_alpha**2
+        if abs(self.chirp) * self.duration**2 < _DECHIRP_BINS:
+            self.chirp = 0.0
+            return None
+        t = np.arange(self.sweep.sample_count) / self.sweep.sample_rate - self.center
+        return np.exp(-1j * np.pi * self.chirp * t**2)
+
+    def _estimate(self, samples: np.ndarray, full_scale: np.ndarray, wanted: np.ndarray | None) -> list[np.ndarray]:
+        """Return the six result arrays of one chunk and, where asked for, the spectra of the sweeps `wanted`."""
+        samples = np.ascontiguousarray(samples)
+        shown = None
+        if self.iq:
+            windowed, shown = self._upright(samples)
+        else:
+            # a constant would leak into the search range; integer sums are exact, whatever their order
+            mean = samples.sum(axis=1, dtype=np.int64) / samples.shape[1]
+            windowed = samples - mean[:, None]
+            windowed *= self.window
+        if self._dechirp is not None:
+            windowed = windowed * self._dechirp
+        positive = self.length // 2 + 1
+        if np.iscomplexobj(windowed):
+            spectrum = np.fft.fft(windowed, self.length)[:, :positive]
+        else:
+            spectrum = np.fft.rfft(windowed, self.length)
+        power = spectrum.real**2
+        power += spectrum.imag**2
+        if shown is None:
+            shown = power
+        peak = power[:, self._first : self._last + 1].argmax(axis=1) + self._first
+        bins, amplitude = self._refine(windowed, peak)
+        line = amplitude.real**2 + amplitude.imag**2
+        noise = self.meter.measure(power, peak, line, full_scale)
+        results = self._results(samples, power, peak, bins, amplitude, line, noise, full_scale)
+        if wanted is not None:
+            results.append(self._decibel_full_scale(shown[wanted], full_scale[wanted]))
+        return results
+
+    def _results(self, samples, power, peak, bins, amplitude, line, noise, full_scale) -> list[np.ndarray]:
+        """Return the six result arrays from the refined line and the noise [LSB^2]; arguments as in `_estimate`."""
+        sweep, settings = self.sweep, self.settings
+        frequency = bins * (sweep.sample_rate / self.length)
+        absent = line <= 0.0
+        line = np.where(absent, np.finfo(float).tiny, line)
+        ratio = line / self._window_sum**2 / noise * sweep.sample_rate  # of line to noise density [Hz]
+        snr = ratio * sweep.ramp_duration
+        lead = sweep.ramp_duration / 2 - self.center
+        phase = np.angle(amplitude) + 2.0 * np.pi * (frequency * lead + 0.5 * self.chirp * lead**2)
+        level = self._decibel_full_scale(line, full_scale)
+        snr_decibel = 10.0 * np.log10(snr)
+        std = self._frequency_std(frequency, ratio * self.duration)
+        flags = np.zeros(len(line), np.uint8)
+        flags |= np.uint8(Flag.WEAK_SIGNAL) * (absent | (snr_decibel < settings.weak_threshold))
+        flags |= np.uint8(Flag.CLIPPED) * clipped(samples, full_scale)
+        flags |= np.uint8(Flag.NEAR_DC) * (frequency < self._edges[0])
+        flags |= np.uint8(Flag.NEAR_NYQUIST) * (frequency > self._edges[1])
+        second = self._second_line(power, peak)
+        weakest = 10.0 ** (settings.weak_threshold / 10.0) * self._window_sum**2 * noise
+        flags |= np.uint8(Flag.AMBIGUOUS) * (
+            (second > line * 10.0 ** (-settings.ambiguity_threshold / 10.0))
+            & (second * sweep.sample_rate * sweep.ramp_duration > weakest)
+        )
+        return [
+            flags,
+            np.where(absent, np.nan, frequency),
+            np.where(absent, np.inf, std),
+            np.where(absent, np.nan, np.remainder(phase + np.pi, 2.0 * np.pi) - np.pi),
+            np.where(absent, -np.inf, level) + sweep.full_scale_power,
+            np.where(absent, -np.inf, snr_decibel),
+        ]
+
+    def _frequency_std(self, frequency: np.ndarray, snr: np.ndarray) -> np.ndarray:
+        """Return the standard deviation of a single station's frequency [Hz]; `snr` in a bin of 1/duration."""
+        inverse = 1.0 / snr
+        variance = self._phase_noise_variance
+        if not self.iq:
+            for noise in self.noises:
+                inverse = inverse + image_noise_ratio(noise, frequency, self.duration, self.sweep.sample_rate)
+        if self.sweep.hears_itself and self.noises:
+            delays = frequency / abs(self.sweep.chirp_rate)
+            variance = np.array([phase_noise_std(self.noises[0], self.duration, self.settings.window, d) for d in delays]) ** 2
+        return np.sqrt(additive_std(1.0 / inverse, self.duration, self.settings.window) ** 2 + variance)
+
+    def _second_line(self, power: np.ndarray, peak: np.ndarray) -> np.ndarray:
+        """Return the strongest bin outside the line's main lobe (B,); blanks the line in `power`."""
+        lobe = _LOBE_BINS * max(1, round(self.length / (self.duration * self.sweep.sample_rate)))
+        around = np.clip(peak[:, None] + np.arange(-lobe, lobe + 1), 0, power.shape[1] - 1)
+        searched = power.copy()
+        np.put_along_axis(searched, around, 0.0, axis=1)
+        return searched[:, self._first : self._last + 1].max(axis=1)
+
+    def _upright(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return windowed quadrature sweeps with their line at positive frequency, and the power of all bins as received."""
+        pairs = samples.reshape(len(samples), -1, 2)
+        mean = pairs.sum(axis=1, dtype=np.int64) / pairs.shape[1]
+        windowed = ((pairs - mean[:, None, :]) * self.window[:, None]).view(complex)[..., 0]
+        spectrum = np.fft.fft(windowed, self.length)
+        power = spectrum.real**2 + spectrum.imag**2
+        above = power[:, self._first : self._last + 1].max(axis=1)
+        below = power[:, self.length - self._last : self.length - self._first + 1].max(axis=1)
+        upright = np.where((below > above)[:, None], windowed.conj(), windowed)
+        return upright, np.fft.fftshift(power, axes=1)
+
+    def _decibel_full_scale(self, power: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
+        """Return squared bin magnitudes in dBFS; a full-scale sine reads 0. float32 for spectra."""
+        per_amplitude = (1.0 if self.iq else 0.5) * self._window_sum * full_scale
+        if power.ndim == 1:
+            return 10.0 * np.log10(power / per_amplitude**2)
+        scaled = np.maximum(power * (1.0 / per_amplitude**2)[:, None], 1e-30).astype(np.float32)
+        np.log10(scaled, out=scaled)
+        scaled *= np.float32(10.0)
+        return scaled
+
+
+class PaperEstimator(Estimator):
+    """The paper's on-board engine (section III): FFT, chirp-z zoom, parabola through the log magnitude."""
+
+    def __init__(self, *args, **kwargs) -> None:
+        """Prepare the chirp-z transform; arguments as for `Estimator`."""
+        super().__init__(*args, **kwargs)
+        self._zoom = ChirpZ(
+            self.sweep.sample_count,
+            self.length,
+            self.settings.zoom_points,
+            self.settings.zoom_span,
+            self.center * self.sweep.sample_rate,
+        )
+
+    def _refine(self, windowed: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        zoomed = self._zoom(windowed, peak)
+        offsets = self._zoom.offsets
+        magnitude = zoomed.real**2 + zoomed.imag**2
+        top = np.clip(magnitude.argmax(axis=1), 1, len(offsets) - 2)
+        three = top[:, None] + np.arange(-1, 2)
+        log_magnitude = np.log(np.maximum(np.take_along_axis(magnitude, three, axis=1), np.finfo(float).tiny))
+        vertex = parabola_vertex(*log_magnitude.T)
+        amplitude = parabola_value(*np.take_along_axis(zoomed, three, axis=1).T, vertex)
+        return peak + offsets[top] + vertex * (offsets[1] - offsets[0]), amplitude
+
+
+ESTIMATORS: dict[str, type[Estimator]] = {'paper': PaperEstimator}
+"""Selectable estimators by name."""
+
+
+@functools.lru_cache(maxsize=64)
+def estimator(
+    sweep: SweepSettings,
+    settings: EstimatorSettings,
+    iq: bool = False,
+    own: Calibration | None = None,
+    peer: Calibration | None = None,
+) -> Estimator:
+    """Return the estimator chosen in `settings`, prepared for one setting; arguments as for `Estimator`."""
+    return ESTIMATORS[settings.estimator](sweep, settings, iq, own, peer)
+
+
+def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
+    """Return which sweeps (B, n) were limited: samples at full scale, or an extreme code too frequent for a wave.
+
+    A sine of amplitude A spends at most sqrt(2 / A) / pi of its time within the last code; half as much again, at
+    either extreme, is taken for a limiter below full scale.
+    """
+    highest, lowest = samples.max(axis=1), samples.min(axis=1)
+    amplitude = (highest.astype(float) - lowest) / 2
+    at_limit = (highest >= full_scale - 1.0) | (lowest <= 1.0 - full_scale)
+    count = np.maximum(
+        (samples == highest[:, None]).sum(axis=1), (samples == lowest[:, None]).sum(axis=1)
+    )
+    usual = np.sqrt(2.0 / np.maximum(amplitude, 1.0)) / np.pi
+    return at_limit | ((amplitude >= 4.0) & (count > 1.5 * usual * samples.shape[1]))
+
+
+def _fft_length(count: int) -> int:
+    """Return the smallest length from `count` on with no prime factor above 7."""
+    length = count
+    while True:
+        rest = length
+        for prime in (2, 3, 5, 7):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return length
+        length += 1

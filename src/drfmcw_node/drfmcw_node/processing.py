@@ -1,0 +1,233 @@
+"""Sweeps in, beat frequencies out: settings and calibrations looked up by stamp, work shared over the batch.
+
+The station node and the offline replay call this same class; since every look-up goes by the sweep's stamp and every
+estimate is independent of the batch, both give the same numbers to the last bit.
+"""
+
+import bisect
+import collections
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import SweepSettings
+
+from .estimation import Estimates, Estimator, EstimatorSettings, Flag, estimator
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Sweep:
+    """One sweep's samples of one station; the fields of IfSamples."""
+
+    station: str
+    peer: str
+    sweep_id: int
+    full_scale: float  # [LSB]
+    iq: bool
+    samples: np.ndarray  # int16, or array.array('h')
+    stamp: int  # start of the sweep [ns]
+    frame_id: str = ''
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Beat:
+    """What a station estimated from one sweep; the fields of BeatFrequency."""
+
+    station: str
+    peer: str
+    sweep_id: int
+    flags: int
+    frequency: float  # [Hz]
+    frequency_std: float  # [Hz]
+    phase: float  # [rad]
+    power: float  # [dBm]
+    snr: float  # [dB]
+    stamp: int  # [ns]
+    frame_id: str = ''
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Magnitude spectrum of one sweep; the fields of IfSpectrum."""
+
+    station: str
+    peer: str
+    sweep_id: int
+    window: str
+    start_frequency: float  # [Hz]
+    frequency_step: float  # [Hz]
+    magnitude: np.ndarray  # float32 [dBFS]
+    stamp: int  # [ns]
+    frame_id: str = ''
+
+
+class StampedHistory:
+    """Values that hold from their stamp on."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._stamps: list[int] = []
+        self._values: list = []
+
+    def add(self, value: SweepSettings | Calibration) -> None:
+        """Insert a value at its stamp; a repetition of what holds already changes nothing."""
+        at = bisect.bisect_right(self._stamps, value.stamp)
+        if at and _same(self._values[at - 1], value):
+            return
+        if at and self._stamps[at - 1] == value.stamp:
+            self._values[at - 1] = value
+            return
+        self._stamps.insert(at, value.stamp)
+        self._values.insert(at, value)
+
+    def at(self, stamp: int) -> SweepSettings | Calibration | None:
+        """Return the newest value not later than `stamp`, None where there is none."""
+        i = bisect.bisect_right(self._stamps, stamp)
+        return self._values[i - 1] if i else None
+
+
+class StationProcessor:
+    """Turns sweeps of any stations into beat frequencies."""
+
+    def __init__(self, settings: EstimatorSettings | None = None) -> None:
+        """Start without settings of the sweep and without calibrations."""
+        self._settings = settings or EstimatorSettings()
+        self._sweep_settings: dict[tuple[str, str], StampedHistory] = collections.defaultdict(StampedHistory)
+        self._calibrations: dict[str, StampedHistory] = collections.defaultdict(StampedHistory)
+        self._estimators: dict[tuple, Estimator | ConfigurationError] = {}
+        self.sweeps = 0
+        """Sweeps given since start."""
+        self.weak = 0
+        """Sweeps whose line was too weak, since start."""
+        self.dropped: collections.Counter[str] = collections.Counter()
+        """Number of sweeps without any result, by reason, since start."""
+
+    @property
+    def settings(self) -> EstimatorSettings:
+        """Settings of the estimation; a new value holds from the next batch on."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, value: EstimatorSettings) -> None:
+        self._settings = value
+        self._estimators.clear()
+
+    def add_sweep_config(self, settings: SweepSettings) -> None:
+        """Add settings of a station and its peer, valid from their stamp on."""
+        self._sweep_settings[settings.station, settings.peer].add(settings)
+        self._estimators.clear()
+
+    def add_calibration(self, calibration: Calibration) -> None:
+        """Add a station's calibration, valid from its stamp on."""
+        self._calibrations[calibration.station].add(calibration)
+        self._estimators.clear()
+
+    def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
+        """Return the beat frequencies of the sweeps that can be evaluated, in order; the others are counted in `dropped`."""
+        return self._process(sweeps, 0)[0]
+
+    def process_with_spectra(self, sweeps: Sequence[Sweep], every: int = 1) -> tuple[list[Beat], list[Spectrum]]:
+        """Return the beat frequencies, and the magnitude spectra of sweeps whose number is a multiple of `every`."""
+        return self._process(sweeps, every)
+
+    def _process(self, sweeps: Sequence[Sweep], every: int) -> tuple[list[Beat], list[Spectrum]]:
+        groups: dict[int, tuple[Estimator, list[int], list[np.ndarray]]] = {}
+        for index, sweep in enumerate(sweeps):
+            chosen = self._estimator(sweep)
+            samples = np.asarray(sweep.samples)
+            reason = chosen if isinstance(chosen, str) else _refusal(sweep, samples, chosen.sweep.sample_count)
+            if reason:
+                self.dropped[reason] += 1
+                continue
+            _, indices, rows = groups.setdefault(id(chosen), (chosen, [], []))
+            indices.append(index)
+            rows.append(samples)
+        self.sweeps += len(sweeps)
+        beats: list[Beat | None] = [None] * len(sweeps)
+        spectra: list[Spectrum | None] = [None] * len(sweeps)
+        for chosen, indices, rows in groups.values():
+            group = [sweeps[i] for i in indices]
+            wanted = np.array([every > 0 and s.sweep_id % every == 0 for s in group])
+            result = chosen(np.stack(rows), np.array([s.full_scale for s in group]), wanted if wanted.any() else None)
+            for index, beat in zip(indices, _beats(group, result), strict=True):
+                beats[index] = beat
+            if result.spectrum is not None:
+                shown = np.flatnonzero(wanted)
+                for row, magnitude in zip(shown.tolist(), result.spectrum, strict=True):
+                    spectra[indices[row]] = _spectrum(group[row], chosen.settings.window, result, magnitude)
+            self.weak += int(np.count_nonzero(result.flags & np.uint8(Flag.WEAK_SIGNAL)))
+        return [b for b in beats if b is not None], [s for s in spectra if s is not None]
+
+    def _estimator(self, sweep: Sweep) -> Estimator | str:
+        """Return the estimator for the sweep's settings and calibrations, or why there is none."""
+        history = self._sweep_settings.get((sweep.station, sweep.peer))
+        settings = history.at(sweep.stamp) if history else None
+        if settings is None:
+            return f'no sweep settings of {sweep.station} for {sweep.peer} from before the sweep'
+        found = []
+        for station in (sweep.station, sweep.peer):
+            history = self._calibrations.get(station)
+            calibration = history.at(sweep.stamp) if history else None
+            if calibration is None:
+                return f'no calibration of {station} from before the sweep'
+            found.append(calibration)
+        own, peer = found
+        key = (id(settings), id(own), id(peer), sweep.iq)
+        chosen = self._estimators.get(key)
+        if chosen is None:
+            try:
+                chosen = estimator(settings, self._settings, sweep.iq, own, peer)
+            except ConfigurationError as error:
+                chosen = str(error)
+            self._estimators[key] = chosen
+        return chosen
+
+
+def _refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
+    """Return why a sweep cannot be evaluated, '' where it can."""
+    expected = sample_count * (2 if sweep.iq else 1)
+    if samples.ndim != 1 or samples.dtype != np.int16:
+        return f'samples of {sweep.station} are not a row of int16'
+    if len(samples) != expected:
+        kind = 'I/Q ' if sweep.iq else ''
+        return f'{len(samples)} samples of {sweep.station}, but {expected} {kind}follow from its settings'
+    if not (math.isfinite(sweep.full_scale) and sweep.full_scale > 0.0):
+        return f'full_scale = {sweep.full_scale:g} of {sweep.station} is not a positive number'
+    return ''
+
+
+def _beats(sweeps: Sequence[Sweep], result: Estimates) -> list[Beat]:
+    columns = [
+        getattr(result, name).tolist() for name in ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr')
+    ]
+    return [
+        Beat(s.station, s.peer, s.sweep_id, *values, s.stamp, s.frame_id)
+        for s, values in zip(sweeps, zip(*columns, strict=True), strict=True)
+    ]
+
+
+def _spectrum(sweep: Sweep, window: str, result: Estimates, magnitude: np.ndarray) -> Spectrum:
+    return Spectrum(
+        sweep.station,
+        sweep.peer,
+        sweep.sweep_id,
+        window,
+        result.spectrum_start,
+        result.spectrum_step,
+        magnitude,
+        sweep.stamp,
+        sweep.frame_id,
+    )
+
+
+def _same(first: SweepSettings | Calibration, second: SweepSettings | Calibration) -> bool:
+    """Return True where both hold the same values (NaN equal to NaN), whatever their stamps."""
+    return all(
+        a == b or (a != a and b != b)
+        for f in dataclasses.fields(first)
+        if f.name != 'stamp'
+        for a, b in [(getattr(first, f.name), getattr(second, f.name))]
+    )
