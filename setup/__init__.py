@@ -1,0 +1,1 @@
+"""Makes the environment that `./drfmcw` runs in."""

@@ -1,0 +1,204 @@
+"""Installs the pinned wheels into .venv."""
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import threading
+import time
+
+from setup import stamp
+from setup.interpreter import SetupError
+
+REQUIREMENTS = ("setup/requirements.txt", "setup/requirements-test.txt")
+FIRST = "setup/requirements-first.txt"
+LOG = os.path.join("log", "setup.log")
+# Measured on 2 cores: one pip takes 42 s, three 16 s; with byte code left for later four take 10 s (and 6 s for that).
+PROCESSES = 4
+# What is installed where a system installation of Jazzy lacks it: module, distribution.
+SYSTEM_EXTRAS = {
+    "numpy": "numpy", "scipy": "scipy", "matplotlib": "matplotlib", "yaml": "pyyaml", "rich": "rich",
+    "rosbags": "rosbags", "soundfile": "soundfile", "pytest": "pytest", "pytest_timeout": "pytest-timeout",
+    "hypothesis": "hypothesis",
+}  # fmt: skip
+COLCON = ("colcon-core", "colcon-ros", "colcon-cmake", "colcon-python-setup-py", "colcon-recursive-crawl",
+          "colcon-output", "colcon-package-selection", "colcon-parallel-executor", "colcon-bash",
+          "colcon-metadata", "colcon-library-path")  # fmt: skip
+_NO_NETWORK = re.compile(
+    "Failed to establish a new connection|Temporary failure in name resolution|Name or service not known|"
+    "ConnectTimeout|ReadTimeout|ConnectionError|NewConnectionError|ProxyError|Connection refused|"
+    "Network is unreachable|Connection reset|Read timed out|timed out"
+)
+
+
+def install(root, progress, lock, system_ros):
+    """Make .venv and install everything into it, from nothing."""
+    venv = os.path.join(root, stamp.VENV)
+    log = os.path.join(root, LOG)
+    os.makedirs(os.path.dirname(log), exist_ok=True)
+    open(os.path.join(root, "log", "COLCON_IGNORE"), "a").close()
+    progress.show("virtual environment", 0)
+    with open(log, "w") as output:
+        options = ["--system-site-packages"] if system_ros else []
+        _run([sys.executable, "-m", "venv", *options, venv], output, lock, "cannot make a virtual environment")
+        progress.show("virtual environment", 0.8)
+        if system_ros:
+            _install_extras(root, venv, output, lock, progress)
+        else:
+            _install_all(root, venv, output, lock, progress)
+            progress.show("byte code", 0)
+            _run([_python(venv), "-m", "compileall", "-q", "-j", "0", os.path.join(venv, "lib")], output, lock, None)
+            repair(venv)
+        progress.show("byte code", 1)
+
+
+def read_requirements(root, names):
+    """The pinned requirements of files, comments left out."""
+    pins = []
+    for name in names:
+        with open(os.path.join(root, name)) as file:
+            pins += [line.strip() for line in file if line.strip() and not line.startswith("#")]
+    return pins
+
+
+def repair(venv):
+    """Replace the two paths of the wheels' build machine that their CMake files export by the ones here."""
+    python_include = sysconfig.get_path("include")
+    packages = os.path.join(venv, "lib", f"python{sys.version_info[0]}.{sys.version_info[1]}", "site-packages")
+    numpy_include = os.path.join(packages, "numpy", "_core", "include")
+    wrong_numpy = re.compile(r'/opt/python/[^;">]*/site-packages/numpy/_?core/include')
+    wrong_python = re.compile(r'/opt/python/[^/;">]+/include/python3\.\d+')
+    for folder in ("share", os.path.join("lib", "cmake")):
+        for where, _, files in os.walk(os.path.join(venv, folder)):
+            for path in (os.path.join(where, name) for name in files if name.endswith(".cmake")):
+                with open(path, encoding="utf-8") as file:
+                    old = file.read()
+                new = wrong_python.sub(lambda _: python_include, wrong_numpy.sub(lambda _: numpy_include, old))
+                if new != old:
+                    with open(path, "w", encoding="utf-8") as file:
+                        file.write(new)
+
+
+def _install_all(root, venv, output, lock, progress):
+    # One by one: empy is built with setuptools. The first small call finds out at once that there is no network.
+    for pin in read_requirements(root, [FIRST]):
+        _run([*_pip(venv), "--no-build-isolation", pin], output, lock, f"cannot install {pin}")
+    pins = read_requirements(root, REQUIREMENTS)
+    counter = _Counter(progress, 2 * len(pins))
+    # The large ones are next to each other in no alphabet: dealing them out in turn balances the processes.
+    processes = [
+        subprocess.Popen(
+            [*_pip(venv), "--only-binary", ":all:", *pins[part::PROCESSES]],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=_pip_environment(),
+            pass_fds=[lock],
+        )
+        for part in range(PROCESSES)
+    ]
+    lines = [[] for _ in processes]
+    readers = [
+        threading.Thread(target=counter.read, args=(process.stdout, kept), daemon=True)
+        for process, kept in zip(processes, lines, strict=True)
+    ]
+    try:
+        for reader in readers:
+            reader.start()
+        packages = os.path.join(venv, "lib", f"python{sys.version_info[0]}.{sys.version_info[1]}", "site-packages")
+        while any(process.poll() is None for process in processes):
+            counter.show(sum(name.endswith(".dist-info") for name in os.listdir(packages)), len(pins))
+            if any(process.poll() for process in processes):
+                break
+            time.sleep(0.2)
+    finally:
+        for process in processes:
+            process.terminate() if process.poll() is None else None
+            process.wait()
+        for reader in readers:
+            reader.join(5)
+        text = "".join("".join(kept) for kept in lines)
+        output.write(text)
+    failed = [kept for process, kept in zip(processes, lines, strict=True) if process.returncode > 0]
+    if failed or any(process.returncode for process in processes):
+        raise SetupError(_pip_failure("".join(failed[0]) if failed else text, root))
+
+
+class _Counter:
+    """Counts the wheels that pip has fetched and installed."""
+
+    def __init__(self, progress, total):
+        self._progress = progress
+        self._total = total
+        self._fetched = 0
+
+    def read(self, stream, kept):
+        """Take pip's output until its end."""
+        for line in stream:
+            kept.append(line)
+            self._fetched += line.startswith("Collecting ")
+
+    def show(self, installed, wanted):
+        """Show the state, with the number of wheels installed so far."""
+        installed = min(installed, wanted)
+        what = f"{installed} of {wanted} installed" if installed > wanted // 20 else f"{self._fetched} of {wanted} fetched"
+        self._progress.show("wheels", min(1, (self._fetched + installed) / self._total), what)
+
+
+def _install_extras(root, venv, output, lock, progress):
+    """Install what a system installation of Jazzy lacks, leaving alone what it has."""
+    progress.show("wheels", 0)
+    probe = "import importlib.util, sys; print(*[n for n in sys.argv[1:] if importlib.util.find_spec(n) is None])"
+    command = [_python(venv), "-c", probe, *SYSTEM_EXTRAS, "colcon_core", "em"]
+    missing = subprocess.check_output(command, text=True, pass_fds=[lock]).split()
+    pins = {pin.split("==")[0]: pin for pin in read_requirements(root, [FIRST, *REQUIREMENTS])}
+    wanted = [pins[SYSTEM_EXTRAS[name]] for name in missing if name in SYSTEM_EXTRAS]
+    if "em" in missing:
+        wanted += [pins["setuptools"], pins["empy"]]
+    if "colcon_core" in missing:
+        wanted += [pins[name] for name in COLCON]
+    if wanted:
+        # With dependencies, as what the system already has differs: pip keeps a version that will do.
+        command = [*_pip(venv), *wanted]
+        command.remove("--no-deps")
+        _run(command, output, lock, "cannot install the wheels that the system lacks")
+
+
+def _pip(venv):
+    return [_python(venv), "-m", "pip", "install", "--no-deps", "--no-compile", "--no-input", "--retries", "2",
+            "--disable-pip-version-check", "--no-warn-script-location", "--progress-bar", "off"]  # fmt: skip
+
+
+def _pip_environment():
+    # LC_ALL: what pip says is read here. A target or a user install asked for elsewhere is not meant for .venv.
+    unwanted = ("PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_HASHES", "PIP_QUIET", "PYTHONPATH", "PYTHONHOME")
+    environ = {name: value for name, value in os.environ.items() if name not in unwanted}
+    if stamp.is_system_ros(os.environ) and "PYTHONPATH" in os.environ:
+        environ["PYTHONPATH"] = os.environ["PYTHONPATH"]
+    environ.update(PYTHONUNBUFFERED="1", LC_ALL="C.UTF-8", PIP_ROOT_USER_ACTION="ignore",
+                   _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")  # fmt: skip
+    return environ
+
+
+def _run(command, output, lock, failure):
+    """Run a command into the log; `failure` None: what it says does not matter."""
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, pass_fds=[lock],
+                          env=_pip_environment(), check=False)  # fmt: skip
+    output.write(done.stdout)
+    output.flush()
+    if done.returncode and failure:
+        raise SetupError(_pip_failure(done.stdout, os.path.dirname(os.path.dirname(output.name)), failure))
+
+
+def _pip_failure(text, root, failure="pip cannot install the wheels"):
+    if "No space left on device" in text:
+        return "the disk is full: free about 1.5 GB and call again"
+    if _NO_NETWORK.search(text):
+        return "no network: pip cannot reach the package index; check the connection (pip download rich) and call again"
+    errors = [line for line in text.splitlines() if "error:" in line.lower()] or text.splitlines()[-1:]
+    return f"{failure}: {' '.join(errors[:1])} (see {os.path.join(root, LOG)})"
+
+
+def _python(venv):
+    return os.path.join(venv, "bin", "python")
