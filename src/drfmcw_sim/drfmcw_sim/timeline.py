@@ -1,0 +1,375 @@
+"""What happens when: the measurements of a scenario in order, and what the hardware publishes around them."""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from drfmcw_physics.air import refractive_index
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.link_budget import free_space_loss
+from drfmcw_physics.mode import choose_mode
+from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.sweep import Mode, SweepSettings
+
+from .random_streams import Purpose, stream
+from .scenario import PairSettings, Scenario
+from .signal_model import Measurements, Path, Station, synthesise
+from .trajectory import Drive
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclasses.dataclass(frozen=True)
+class IfSweep:
+    """One sweep's digitised IF; the fields of IfSamples."""
+
+    station: str
+    peer: str
+    sweep_id: int
+    full_scale: float
+    iq: bool
+    samples: np.ndarray
+    stamp: int
+    frame_id: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """A reading of a weather sensor; the fields of Temperature, FluidPressure and RelativeHumidity."""
+
+    stamp: int
+    variance: float
+    temperature: float | None = None
+    fluid_pressure: float | None = None
+    relative_humidity: float | None = None
+    frame_id: str = 'site'
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceReading:
+    """A reading of the reference instrument; the fields of ReferenceRange."""
+
+    stamp: int
+    range: float
+    range_std: float
+    frame_id: str = 'reference'
+
+
+@dataclasses.dataclass(frozen=True)
+class Status:
+    """Housekeeping of a station; the fields of StationStatus."""
+
+    station: str
+    stamp: int
+    frame_id: str
+    temperature: float
+    sweeps: int
+    dropped: int = 0
+    pll_locked: bool = True
+    link_quality: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """One message at its time."""
+
+    topic: str
+    stamp: int  # when it happens [ns]
+    content: Any  # dataclass with the message's fields
+    sweep_id: int = -1  # of the measurement that it completes; -1 for all others
+
+
+@dataclasses.dataclass(frozen=True)
+class Slots:
+    """Consecutive measurements, pairs in turn; arrays [n]."""
+
+    sweep_id: np.ndarray
+    time: np.ndarray  # since the scenario's start [s]
+    pair: np.ndarray  # index into scenario.pairs
+    distance: np.ndarray  # [m]
+    velocity: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s^2]
+
+    def __len__(self) -> int:
+        """Return the number of measurements."""
+        return len(self.sweep_id)
+
+    def __getitem__(self, rows: slice | np.ndarray) -> 'Slots':
+        """Return some of the measurements."""
+        return Slots(*(getattr(self, f.name)[rows] for f in dataclasses.fields(self)))
+
+
+class Timeline:
+    """Steps through a scenario.
+
+    `slots` and `render` say what comes next without moving on; `advance` moves on; `change_mode` acts in between.
+    """
+
+    def __init__(self, scenario: Scenario, start: int | None = None, mode_by_range: bool = True) -> None:
+        """Begin at the scenario's start.
+
+        Args:
+            scenario: what to simulate.
+            start: time of the first sweep [ns]; None takes the scenario's.
+            mode_by_range: the hardware changes its mode by itself at the scenario's limit; False: only by `change_mode`.
+        """
+        self.scenario = scenario
+        self.start = round(scenario.timing.start_time * NANOSECONDS) if start is None else start
+        self.next_sweep_id = 0
+        self._pause = 0.0  # time spent changing modes [s]
+        self._by_range = mode_by_range
+        self._next_weather = 0
+        self._next_status = 0
+        self._next_reference = 0
+        first = self._at(np.arange(len(scenario.pairs)))
+        self.modes = [choose_mode(None, float(d), scenario.mode) for d in first.distance]
+        self._start_delays = [scenario.mode.start_delay(m) for m in self.modes]
+
+    def stamp(self, time: float) -> int:
+        """Return scenario time [s] as stamp [ns]."""
+        return self.start + round(time * NANOSECONDS)
+
+    def sweep_settings(self, pair: int) -> tuple[SweepSettings, ...]:
+        """Return the settings now in use by both stations of a pair."""
+        return self.scenario.sweep_settings(self.scenario.pairs[pair], self.modes[pair], self._start_delays[pair])
+
+    @property
+    def sweep_count(self) -> int:
+        """Measurements of the whole scenario, changes of mode left out."""
+        s = self.scenario
+        counts = []
+        for pair in s.pairs:
+            if isinstance(pair.trajectory, Drive):
+                counts.append(math.ceil(pair.trajectory.duration / s.timing.sweep_interval))
+            else:
+                counts.append(pair.trajectory.sweep_count * len(s.pairs))
+        return max(counts)
+
+    def _at(self, sweep_id: np.ndarray) -> Slots:
+        """Return the slots of given sweep numbers."""
+        pairs = self.scenario.pairs
+        pair, index = sweep_id % len(pairs), sweep_id // len(pairs)
+        time = sweep_id * self.scenario.timing.sweep_interval + self._pause
+        standing = [p.trajectory.moves(index) for p in pairs if not isinstance(p.trajectory, Drive)]
+        if standing:
+            time = time + np.max(standing, axis=0)
+        states = np.empty((3, len(sweep_id)))
+        for number, settings in enumerate(pairs):
+            rows = pair == number
+            states[:, rows] = settings.trajectory.state(index[rows], time[rows])
+        return Slots(sweep_id, time, pair, *states)
+
+    def _ended(self, slots: Slots) -> np.ndarray:
+        """Return which slots lie behind the end of all trajectories."""
+        pairs = self.scenario.pairs
+        ended = np.ones(len(slots), bool)
+        for p in pairs:
+            if isinstance(p.trajectory, Drive):
+                ended &= slots.time >= p.trajectory.duration
+            else:
+                ended &= slots.sweep_id // len(pairs) >= p.trajectory.sweep_count
+        return ended
+
+    def slots(self, limit: int) -> Slots:
+        """Return up to `limit` next measurements that share the present modes; none at the end or before a change."""
+        slots = self._at(np.arange(self.next_sweep_id, self.next_sweep_id + limit))
+        stop = self._ended(slots)
+        if self._by_range:
+            wanted = [
+                choose_mode(self.modes[p], float(d), self.scenario.mode) != self.modes[p]
+                for p, d in zip(slots.pair, slots.distance, strict=True)
+            ]
+            stop = stop | wanted
+        end = int(np.argmax(stop)) if stop.any() else len(slots)
+        return slots[:end]
+
+    @property
+    def finished(self) -> bool:
+        """True when all trajectories are over."""
+        return bool(self._ended(self._at(np.array([self.next_sweep_id])))[0])
+
+    def advance(self, count: int) -> None:
+        """Move on by `count` measurements."""
+        self.next_sweep_id += count
+
+    def opening(self) -> list[Event]:
+        """Return calibrations and settings of all stations, published before the first sweep."""
+        events = []
+        early = self.stamp(0.0) - NANOSECONDS
+        for name in self.scenario.stations:
+            calibration = dataclasses.replace(self.scenario.calibration(name), stamp=early)
+            events.append(Event(f'/{name}/calibration', early, calibration))
+        for pair in range(len(self.scenario.pairs)):
+            events += self._settings_events(pair, early + NANOSECONDS // 2)
+        return events
+
+    def _settings_events(self, pair: int, stamp: int) -> list[Event]:
+        return [
+            Event(f'/{s.station}/sweep_config', stamp, dataclasses.replace(s, stamp=stamp))
+            for s in self.sweep_settings(pair)
+        ]
+
+    def change_mode(self, pair: int, mode: Mode, start_delay: float | None = None) -> list[Event]:
+        """Change the mode of a pair before the next measurement; return its new settings, to be published now.
+
+        Args:
+            pair: index into the scenario's pairs.
+            mode: new mode.
+            start_delay: its T_off [s]; None takes the scenario's.
+        """
+        duration = self.scenario.timing.mode_change_duration
+        self.modes[pair] = Mode(mode)
+        self._start_delays[pair] = self.scenario.mode.start_delay(mode) if start_delay is None else start_delay
+        self._pause += duration
+        time = self._at(np.array([self.next_sweep_id])).time[0]
+        return self._settings_events(pair, self.stamp(time - duration / 2))
+
+    def due_mode_changes(self) -> list[Event]:
+        """Change the mode of the next measurement's pair where its distance asks for it; return the new settings."""
+        slot = self._at(np.array([self.next_sweep_id]))
+        pair = int(slot.pair[0])
+        mode = choose_mode(self.modes[pair], float(slot.distance[0]), self.scenario.mode)
+        if not self._by_range or mode == self.modes[pair]:
+            return []
+        return self.change_mode(pair, mode)
+
+    def measurements(self, slots: Slots, pair: int) -> Measurements:
+        """Return the conditions of those slots that belong to a pair."""
+        s = self.scenario
+        settings = s.pairs[pair]
+        slots = slots[slots.pair == pair]
+        n, time = len(slots), slots.time
+        sweeps = self.sweep_settings(pair)
+        index = refractive_index(
+            s.weather.temperature.at(time), s.weather.pressure.at(time), s.weather.humidity.at(time)
+        )
+        slowness = index / SPEED_OF_LIGHT
+        hardware = sum(s.stations[sweep.station].delay for sweep in sweeps)
+        direct = Path(
+            hardware + slots.distance * slowness, slots.velocity * slowness, slots.acceleration * slowness, np.ones(n)
+        )
+        stations = tuple(
+            self._station(sweep, s.stations[sweep.peer].tx_eirp, settings, slots) for sweep in sweeps
+        )
+        return Measurements(
+            stations=stations,
+            sweep_id=slots.sweep_id,
+            time=time,
+            range=slots.distance,
+            velocity=slots.velocity,
+            start_delay=np.full(n, sweeps[0].start_delay),
+            initial_phase=np.zeros((len(stations), n)),
+            paths=[direct],
+            start_delay_jitter=s.timing.start_delay_jitter,
+            amplitude_scatter=s.timing.amplitude_scatter,
+        )
+
+    def _station(self, sweep: SweepSettings, peer_eirp: float, pair: PairSettings, slots: Slots) -> Station:
+        settings = self.scenario.stations[sweep.station]
+        calibration = self.scenario.calibration(sweep.station)
+        n = len(slots)
+        loss = np.full(n, pair.path_loss)
+        if math.isnan(pair.path_loss):
+            loss = free_space_loss(np.maximum(slots.distance, 0.1), sweep.center_frequency)
+        noise = PhaseNoise(settings.phase_noise_level, settings.phase_noise_corner)
+        return Station(
+            sweep=sweep,
+            alpha=np.full(n, calibration.alpha),
+            sample_clock=np.full(n, calibration.sample_clock_alpha),
+            received_power=peer_eirp + settings.rx_antenna_gain - loss,
+            noise_density=np.full(n, settings.noise_floor),
+            phase_noise=noise if noise.known else None,
+            temperature=settings.board_temperature.at(slots.time),
+            calibration_temperature=settings.calibration_temperature,
+            full_scale=float(1 << (settings.adc_bits - 1)),
+            iq=self.scenario.waveform.iq,
+        )
+
+    def render(self, slots: Slots) -> list[Event]:
+        """Return everything that is published with these measurements, in order of time; IF samples synthesised.
+
+        Weather, status and reference stand before the sweep that they belong to.
+        """
+        s = self.scenario
+        sweeps: dict[int, list[Event]] = {}
+        for pair in np.unique(slots.pair):
+            m = self.measurements(slots, int(pair))
+            samples = synthesise(m, s.seed, s.effects)
+            for row, (sweep_id, time) in enumerate(zip(m.sweep_id, m.time, strict=True)):
+                stamps = [self.stamp(time), self.stamp(time) + round(m.stations[0].sweep.start_delay * NANOSECONDS)]
+                sweeps[int(sweep_id)] = [
+                    Event(
+                        f'/{station.name}/if_samples',
+                        stamp,
+                        IfSweep(
+                            station.name,
+                            station.sweep.peer,
+                            int(sweep_id),
+                            station.full_scale,
+                            station.iq,
+                            codes[row],
+                            stamp,
+                            station.sweep.frame_id,
+                        ),
+                        int(sweep_id),
+                    )
+                    for station, codes, stamp in zip(m.stations, samples, stamps, strict=False)
+                ]
+        events = []
+        for sweep_id, time, pair, distance in zip(slots.sweep_id, slots.time, slots.pair, slots.distance, strict=True):
+            events += self._reports(float(time), int(sweep_id))
+            if s.reference.enabled and s.reference.interval == 0:
+                events.append(self._reference(int(sweep_id), int(pair), float(time), float(distance)))
+            events += sweeps[int(sweep_id)]
+        return events
+
+    def _reference(self, number: int, pair: int, time: float, distance: float) -> Event:
+        s = self.scenario
+        error = stream(s.seed, Purpose.REFERENCE, number).standard_normal() * s.reference.range_std
+        error += sum(float(np.sum(e.reference_error(time, distance))) for e in s.effects)
+        p = s.pairs[pair]
+        frame = 'reference' if len(s.pairs) == 1 else f'{p.first}/{p.second}'
+        stamp = self.stamp(time)
+        return Event('/reference/range', stamp, ReferenceReading(stamp, distance + error, s.reference.range_std, frame))
+
+    def _reports(self, until: float, sweep_id: int) -> Iterator[Event]:
+        """Yield weather and status reports due up to `until` [s]."""
+        s = self.scenario
+        due: list[tuple[float, list[Event]]] = []
+        while (t := self._next_weather * s.weather.interval) <= until:
+            due.append((t, self._weather(self._next_weather, t)))
+            self._next_weather += 1
+        while (t := self._next_status * s.timing.status_interval) <= until:
+            due.append((t, [self._status(name, t, sweep_id) for name in s.stations]))
+            self._next_status += 1
+        while s.reference.enabled and s.reference.interval and (t := self._next_reference * s.reference.interval) <= until:
+            index = np.array([sweep_id // len(s.pairs)])
+            distance = s.pairs[0].trajectory.state(index, np.array([t]))[0][0]
+            due.append((t, [self._reference(self._next_reference, 0, t, float(distance))]))
+            self._next_reference += 1
+        for _, events in sorted(due, key=lambda item: item[0]):
+            yield from events
+
+    def _weather(self, number: int, time: float) -> list[Event]:
+        w = self.scenario.weather
+        deviates = stream(self.scenario.seed, Purpose.WEATHER, number).standard_normal(3)
+        stamp = self.stamp(time)
+        temperature = float(w.temperature.at(time) + w.temperature_std * deviates[0])
+        pressure = float(w.pressure.at(time) + w.pressure_std * deviates[1])
+        humidity = float(np.clip(w.humidity.at(time) + w.humidity_std * deviates[2], 0.0, 1.0))
+        return [
+            Event('/site/temperature', stamp, Reading(stamp, w.temperature_std**2, temperature=temperature)),
+            Event('/site/pressure', stamp, Reading(stamp, w.pressure_std**2, fluid_pressure=pressure)),
+            Event('/site/humidity', stamp, Reading(stamp, w.humidity_std**2, relative_humidity=humidity)),
+        ]
+
+    def _status(self, station: str, time: float, sweep_id: int) -> Event:
+        stamp = self.stamp(time)
+        pairs = self.scenario.pairs
+        own = [number for number, p in enumerate(pairs) if station in (p.first, p.second)]
+        sweeps = sum((sweep_id - number + len(pairs) - 1) // len(pairs) for number in own)
+        temperature = float(self.scenario.stations[station].board_temperature.at(time))
+        frame = self.scenario.frame_id(station)
+        return Event(f'/{station}/status', stamp, Status(station, stamp, frame, temperature, max(sweeps, 0)))

@@ -1,0 +1,101 @@
+"""How the antenna distance of a pair changes: standing at given distances, or driving between way-points."""
+
+import dataclasses
+import math
+
+import numpy as np
+from drfmcw_physics.settings import ConfigurationError, parameter
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """Stands at each distance for a number of sweeps; the time between two distances is not simulated."""
+
+    distances: list[float] = parameter(unit='m', bounds=(0.0, 1e6), description='antenna distances, one after another')
+    sweeps: int = parameter(500, bounds=(1, 10**9), description='sweeps of this pair at each distance')
+    move_time: float = parameter(10.0, unit='s', bounds=(0.0, 1e6), description='time from one distance to the next')
+
+    def __post_init__(self) -> None:
+        """Refuse an empty list."""
+        if not self.distances:
+            raise ConfigurationError('distances is empty')
+
+    @property
+    def sweep_count(self) -> int:
+        """Sweeps of this pair until the last distance is done."""
+        return self.sweeps * len(self.distances)
+
+    def moves(self, index: np.ndarray) -> np.ndarray:
+        """Return the time spent moving before the pair's sweep number `index` [s]."""
+        return np.minimum(index // self.sweeps, len(self.distances) - 1) * self.move_time
+
+    def state(self, index: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at the pair's sweeps `index`."""
+        distance = np.asarray(self.distances)[np.minimum(index // self.sweeps, len(self.distances) - 1)]
+        return distance, np.zeros(len(distance)), np.zeros(len(distance))
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """Drives from way-point to way-point with trapezoidal velocity."""
+
+    waypoints: list[float] = parameter(unit='m', bounds=(0.0, 1e6), description='antenna distances at which it stops')
+    speed: float = parameter(2.0, unit='m/s', bounds=(1e-3, 1e3), description='largest speed')
+    acceleration: float = parameter(0.3, unit='m/s^2', bounds=(1e-3, 1e3), description='largest acceleration')
+    dwell: float = parameter(5.0, unit='s', bounds=(0.0, 1e6), description='time standing at each way-point')
+
+    def __post_init__(self) -> None:
+        """Refuse a drive that goes nowhere."""
+        if len(self.waypoints) < 2:
+            raise ConfigurationError('waypoints needs at least two distances')
+
+    def _phases(self) -> np.ndarray:
+        """Return rows (start time, distance, velocity, acceleration) of the pieces of constant acceleration."""
+        rows, time, at = [], 0.0, self.waypoints[0]
+        rows.append((time, at, 0.0, 0.0))
+        time += self.dwell
+        for target in self.waypoints[1:]:
+            way, sign = abs(target - at), math.copysign(1.0, target - at)
+            peak = min(self.speed, math.sqrt(way * self.acceleration))
+            ramp = peak / self.acceleration
+            cruise = (way - peak * ramp) / peak if way else 0.0
+            climb = 0.5 * peak * ramp
+            rows.append((time, at, 0.0, sign * self.acceleration))
+            rows.append((time + ramp, at + sign * climb, sign * peak, 0.0))
+            rows.append((time + ramp + cruise, target - sign * climb, sign * peak, -sign * self.acceleration))
+            time += 2.0 * ramp + cruise
+            at = target
+            rows.append((time, at, 0.0, 0.0))
+            time += self.dwell
+        return np.array(rows)
+
+    @property
+    def duration(self) -> float:
+        """Time until the last way-point's dwell is over [s]."""
+        return float(self._phases()[-1, 0] + self.dwell)
+
+    def state(self, index: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at `time` since the scenario's start [s]."""
+        phases = self._phases()
+        start, distance, velocity, acceleration = phases[np.searchsorted(phases[:, 0], time, side='right') - 1].T
+        t = time - start
+        return distance + velocity * t + 0.5 * acceleration * t * t, velocity + acceleration * t, acceleration.copy()
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """A quantity over scenario time: constant, or interpolated linearly between given times."""
+
+    values: list[float] = parameter(description='values at the times')
+    times: list[float] = parameter([0.0], unit='s', bounds=(0.0, 1e9), description='times of the values, rising')
+
+    def __post_init__(self) -> None:
+        """Refuse lists that do not belong together."""
+        if len(self.values) != len(self.times) or not self.values:
+            raise ConfigurationError(f'{len(self.values)} values for {len(self.times)} times')
+        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise ConfigurationError('times do not rise')
+
+    def at(self, time: np.ndarray | float) -> np.ndarray:
+        """Return the quantity at `time` [s]; before the first and after the last time it is constant."""
+        return np.interp(time, self.times, self.values)
