@@ -1,0 +1,136 @@
+"""From the beat frequencies of one sweep to a path delay and its standard deviation (eqs. 1-6, 15-19)."""
+
+import dataclasses
+import functools
+import math
+
+from drfmcw_node.processing import Beat
+from drfmcw_physics import bounds
+from drfmcw_physics.oscillators import Calibration, delay_from_beat_sum
+from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.sweep import SweepSettings
+
+_DELAY_GRID = 1e-9  # phase noise through the combination is smooth in the delay: one value per nanosecond [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class Station:
+    """One station's share in a measurement: its result, settings and calibration."""
+
+    beat: Beat
+    sweep: SweepSettings
+    calibration: Calibration
+
+
+@dataclasses.dataclass(frozen=True)
+class PathDelay:
+    """Delay of the whole path in one sweep, hardware included, as a standing crane would have it."""
+
+    uncorrected: float  # every clock taken as nominal [s]
+    delay: float  # clocks corrected [s]
+    std: float  # one standard deviation [s]
+    carrier_phase: float  # sum of both stations' phases; 2 pi per half wavelength of range, NaN where not defined [rad]
+    center_time: float  # centre of the analysis window after station 1's sweep start [s]
+    center_frequency: float  # sweep frequency at that time [Hz]
+
+
+def combine(first: Station, second: Station, window: str, alpha_correction: bool = True) -> PathDelay:
+    """Combine both stations' results of one sweep.
+
+    The start times and offsets cancel as in eqs. 5 and 6. Since each station analyses the part of the sweep in which
+    both chirps are on, its window is shifted by T_off against its own sweep start, so that both windows cover the same
+    absolute time and T_off cancels with different reference clocks as well (eqs. 16-18); the little by which
+    differing sample clocks still separate the windows is corrected exactly.
+
+    Args:
+        first: station 1 (starts first).
+        second: station 2.
+        window: of the stations' estimator, for the standard deviation.
+        alpha_correction: use the calibrated clocks; False takes all as nominal.
+    """
+    sweep = first.sweep
+    k = sweep.chirp_rate
+    sign = second.sweep.line_sign() * sweep.line_sign()
+    raw_sum = sweep.line_sign() * (first.beat.frequency - sign * second.beat.frequency)
+    uncorrected = delay_from_beat_sum(raw_sum, k, 1.0, 1.0)
+    center = sweep.window_center()
+    delay = uncorrected
+    if alpha_correction:
+        a1, a2 = first.calibration.alpha, second.calibration.alpha
+        b1, b2 = first.calibration.sample_clock_alpha, second.calibration.sample_clock_alpha
+        true_sum = sweep.line_sign() * (b1 * first.beat.frequency - sign * b2 * second.beat.frequency)
+        gap = center / b1 - second.sweep.window_center() / b2 - sweep.start_delay
+        true_sum -= (a1**2 - a2**2) * k * gap
+        delay = delay_from_beat_sum(true_sum, k, a1, a2)
+        center = center / b1
+    return PathDelay(
+        uncorrected=uncorrected,
+        delay=delay,
+        std=_delay_std(first, second, delay, window),
+        carrier_phase=_carrier_phase(first, second),
+        center_time=center,
+        center_frequency=sweep.start_frequency + k * center,
+    )
+
+
+def own_path(station: Station, window: str, alpha_correction: bool = True) -> PathDelay:
+    """Return the delay of a station that hears itself: its line stands at k tau (reflector or cable loop).
+
+    Args and result as `combine`.
+    """
+    sweep, calibration = station.sweep, station.calibration
+    k = abs(sweep.chirp_rate)
+    uncorrected = station.beat.frequency / k
+    delay = uncorrected
+    if alpha_correction:
+        delay *= calibration.sample_clock_alpha / calibration.alpha**2
+    center = sweep.window_center()
+    return PathDelay(
+        uncorrected=uncorrected,
+        delay=delay,
+        std=station.beat.frequency_std / k,
+        carrier_phase=math.nan,
+        center_time=center,
+        center_frequency=sweep.start_frequency + sweep.chirp_rate * center,
+    )
+
+
+def _carrier_phase(first: Station, second: Station) -> float:
+    """Return phi_IF,1 - phi_IF,2 at the same absolute time, in which the oscillators' phases and T_off cancel [rad].
+
+    Both phases are reported at the centre of the station's own sweep; station 2's lies T_off later.
+    """
+    s1, s2 = first.sweep.line_sign(), second.sweep.line_sign()
+    late = 2.0 * math.pi * second.beat.frequency * first.sweep.start_delay
+    return s1 * first.beat.phase - s2 * (second.beat.phase - late)
+
+
+def _delay_std(first: Station, second: Station, delay: float, window: str) -> float:
+    """Return the standard deviation of the combined delay [s].
+
+    Additive noise and the mirror line's share are independent at the two stations; each oscillator's phase noise
+    reaches both and passes the combination through 4 sin^2(pi f tau) (limits: docs/architecture.md).
+    """
+    start, end = first.sweep.analysis_window()
+    duration = end - start
+    oscillators = [PhaseNoise(s.calibration.phase_noise_level, s.calibration.phase_noise_corner) for s in (first, second)]
+    if not all(oscillator.known for oscillator in oscillators):
+        variance = first.beat.frequency_std**2 + second.beat.frequency_std**2
+    else:
+        variance = 0.0
+        rounded = round(abs(delay) / _DELAY_GRID) * _DELAY_GRID
+        for station, oscillator in zip((first, second), oscillators, strict=True):
+            noise_ratio = 10.0 ** (-station.beat.snr / 10.0) * (station.sweep.ramp_duration / duration)
+            noise_ratio += sum(
+                float(bounds.image_noise_ratio(o, station.beat.frequency, duration, station.sweep.sample_rate))
+                for o in oscillators
+            )
+            variance += float(bounds.additive_std(1.0 / noise_ratio, duration, window)) ** 2
+            variance += _phase_noise_std(oscillator, duration, window, rounded) ** 2
+    return math.sqrt(variance) / abs(2.0 * first.sweep.chirp_rate)
+
+
+@functools.lru_cache(maxsize=65536)
+def _phase_noise_std(noise: PhaseNoise, duration: float, window: str, delay: float) -> float:
+    return bounds.phase_noise_std(noise, duration, window, delay)
+

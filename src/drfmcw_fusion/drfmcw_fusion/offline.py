@@ -1,0 +1,182 @@
+"""Recomputing a recording's ranges offline with the classes the live nodes use."""
+
+import collections
+import dataclasses
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.processing import Beat, StationProcessor, Sweep
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import nearest
+from drfmcw_physics.sweep import SweepSettings
+from drfmcw_ros.bag import BagError, BagReader
+from drfmcw_ros.messages import from_message, stamp_ns
+from drfmcw_ros.topics import SITE_TOPICS, is_measured, split_station_topic
+
+from .pipeline import RangeFusion, RangeResult
+from .settings import FusionSettings
+
+_CHUNK = 256  # sweeps estimated at once: enough to batch, little enough to stay in the cache
+
+_WEATHER = {
+    '/site/temperature': ('temperature', 'temperature'),
+    '/site/pressure': ('pressure', 'fluid_pressure'),
+    '/site/humidity': ('humidity', 'relative_humidity'),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """Readings of the reference instrument."""
+
+    stamps: np.ndarray  # [ns], increasing
+    ranges: np.ndarray  # [m]
+    stds: np.ndarray  # [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Replay:
+    """Everything recomputed from one recording."""
+
+    results: list[RangeResult]
+    reference: Reference
+    missing: list[str]  # what the recording lacks and what can therefore not be told
+    sweeps: int
+    dropped: dict[str, int]  # reason: sweeps without a range
+
+
+def read_weather(topic: str, message: object) -> tuple[str, float]:
+    """Return (quantity, value) of a message on one of the /site topics, as RangeFusion.add_weather takes it."""
+    quantity, field = _WEATHER[topic]
+    return quantity, float(getattr(message, field))
+
+
+def is_weather(topic: str) -> bool:
+    """Return True for the topics of the weather sensors."""
+    return topic in _WEATHER
+
+
+class RecordingReplay:
+    """Streams one recording through the stations' processors and the fusion."""
+
+    def __init__(
+        self,
+        bag: BagReader,
+        estimator: EstimatorSettings | None = None,
+        fusion: FusionSettings | None = None,
+        stations: list[str] | None = None,
+    ) -> None:
+        """Check that the recording holds what is needed.
+
+        Args:
+            bag: the open recording.
+            estimator: settings of the stations' estimator.
+            fusion: settings of the fusion.
+            stations: only these; None takes all whose samples are recorded.
+
+        Raises:
+            BagError: no samples, no settings of a station, or a station that is not in the recording.
+        """
+        self._bag = bag
+        recorded = [split_station_topic(t)[0] for t in bag.topics if split_station_topic(t)[1] == 'if_samples']
+        if not recorded:
+            raise BagError(f"{bag.path}: holds no '/<station>/if_samples'; topics: {', '.join(sorted(bag.topics))}")
+        for station in stations or []:
+            if station not in recorded:
+                raise BagError(f"{bag.path}: unknown station '{station}'{nearest(station, recorded)}")
+        self.stations = stations or recorded
+        for station in self.stations:
+            bag.require(f'/{station}/sweep_config')
+        self.missing = [f'{topic} is missing: {why}' for topic, why in self._optional() if topic not in bag.topics]
+        estimator = estimator or EstimatorSettings()
+        self._fusion = RangeFusion(dataclasses.replace(fusion or FusionSettings(), window=estimator.window))
+        self._processors = {name: StationProcessor(estimator) for name in self.stations}
+        for name in self.stations:
+            if f'/{name}/calibration' not in bag.topics:  # nominal clocks; the ranges are flagged as uncalibrated
+                for processor in self._processors.values():
+                    processor.add_calibration(Calibration(name))
+        self._pending: dict[str, list[Sweep]] = {name: [] for name in self.stations}
+        self._reference: list[tuple[int, float, float]] = []
+        self._sweeps = 0
+
+    def _optional(self) -> Iterator[tuple[str, str]]:
+        for station in self.stations:
+            yield f'/{station}/calibration', f"the clocks of '{station}' count as nominal and its delay as zero"
+        yield '/site/temperature', 'the default weather is used'
+        yield '/site/pressure', 'the default weather is used'
+        yield '/site/humidity', 'the default weather is used'
+        yield '/reference/range', 'no error against a reference can be told'
+
+    def run(self, progress: Callable[[int], None] | None = None) -> Replay:
+        """Recompute everything; `progress` is called with the number of messages read so far."""
+        results: list[RangeResult] = []
+        topics = {t for t in self._bag.topics if is_measured(t)}
+        for count, (topic, _, message) in enumerate(self._bag.messages(topics)):
+            if self._take(topic, message) and max(map(len, self._pending.values())) >= _CHUNK:
+                results.extend(self._process())
+            if progress is not None and count % 100 == 0:
+                progress(count)
+        results.extend(self._process())
+        reference = np.array(sorted(self._reference)).reshape(-1, 3)
+        dropped = sum((p.dropped for p in self._processors.values()), collections.Counter())
+        dropped[self._fusion.reason] += self._fusion.unpaired + self._fusion.without_settings
+        return Replay(
+            results=results,
+            reference=Reference(reference[:, 0].astype(np.int64), reference[:, 1], reference[:, 2]),
+            missing=self.missing,
+            sweeps=self._sweeps,
+            dropped={reason: count for reason, count in dropped.items() if count},
+        )
+
+    def _take(self, topic: str, message: object) -> bool:
+        """Take in one message; return True for a sweep."""
+        station, name = split_station_topic(topic)
+        stamp = stamp_ns(message.header.stamp)
+        if topic in SITE_TOPICS:
+            if is_weather(topic):
+                quantity, value = read_weather(topic, message)
+                self._fusion.add_weather(quantity, stamp, value)
+            else:
+                self._reference.append((stamp, message.range, message.range_std))
+        elif name == 'if_samples':
+            if station in self._pending:
+                self._pending[station].append(from_message(message, Sweep))
+                self._sweeps += 1
+                return True
+        elif name == 'sweep_config':
+            sweep = from_message(message, SweepSettings)
+            self._fusion.add_sweep_config(sweep)
+            for processor in self._processors.values():
+                processor.add_sweep_config(sweep)
+        elif name == 'calibration':
+            calibration = from_message(message, Calibration)
+            self._fusion.add_calibration(calibration)
+            for processor in self._processors.values():
+                processor.add_calibration(calibration)
+        elif name == 'status':
+            self._fusion.add_board_temperature(station, stamp, message.temperature)
+        return False
+
+    def _process(self) -> Iterator[RangeResult]:
+        """Estimate the pending sweeps and yield the ranges of those whose partner is there too."""
+        beats: list[Beat] = []
+        for station, sweeps in self._pending.items():
+            beats.extend(self._processors[station].process(sweeps))
+            sweeps.clear()
+        for beat in sorted(beats, key=lambda b: (b.stamp, b.sweep_id)):
+            result = self._fusion.add_beat(beat)
+            if result is not None:
+                yield result
+
+
+def replay_recording(
+    path: str,
+    estimator: EstimatorSettings | None = None,
+    fusion: FusionSettings | None = None,
+    stations: list[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Replay:
+    """Recompute all ranges of a recording; arguments and errors as RecordingReplay."""
+    with BagReader(path) as bag:
+        return RecordingReplay(bag, estimator, fusion, stations).run(progress)

@@ -1,0 +1,277 @@
+"""From beats to ranges: pairing, look-up of settings by stamp, corrections, flags. The live node and the replay share it."""
+
+import dataclasses
+import enum
+import math
+from collections import OrderedDict
+
+from drfmcw_node.processing import Beat
+from drfmcw_physics.air import refractive_index
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.history import History
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import Role, SweepSettings
+
+from .combination import PathDelay, Station, combine, own_path
+from .settings import FusionSettings
+from .tracking import STANDING, UNKNOWN, Motion, VelocityTracker, doppler_range_rate
+
+_WAITING_LIMIT = 4096  # unpaired results kept per pair of stations
+
+
+class Flag(enum.IntFlag):
+    """Doubts about a range (values of RangeEstimate's flags)."""
+
+    VALID = 0
+    WEAK_SIGNAL = 1
+    MODE_MISMATCH = 2
+    STALE_CALIBRATION = 4
+    STALE_ENVIRONMENT = 8
+    OUT_OF_LIMITS = 16
+    SIGNAL_QUALITY = 32
+    UNKNOWN_VELOCITY = 64
+
+
+_BEAT_WEAK = 1  # BeatFrequency.WEAK_SIGNAL
+
+
+@dataclasses.dataclass(frozen=True)
+class RangeResult:
+    """One sweep's range; the fields of RangeEstimate, and what else was computed on the way."""
+
+    stamp: int
+    frame_id: str
+    first_station: str
+    second_station: str
+    sweep_id: int
+    mode: int
+    flags: int
+    range: float
+    range_std: float
+    velocity: float
+    uncorrected_range: float
+    alpha_correction: float
+    atmosphere_correction: float
+    delay_correction: float
+    velocity_correction: float
+    refractive_index: float
+    path_delay: float  # clocks corrected, hardware included [s]
+    carrier_phase: float  # [rad]
+
+
+class RangeFusion:
+    """Pairs both stations' results by sweep number and turns each pair into a range.
+
+    Everything is looked up by stamp, never by time of arrival, so the same messages give the same ranges, bit by bit,
+    live and offline.
+    """
+
+    def __init__(self, settings: FusionSettings | None = None) -> None:
+        """Start without any settings, calibration or weather."""
+        self.settings = settings or FusionSettings()
+        self._sweeps: dict[tuple[str, str], History[SweepSettings]] = {}
+        self._calibrations: dict[str, History[Calibration]] = {}
+        self._board_temperatures: dict[str, History[float]] = {}
+        self._weather: dict[str, History[float]] = {k: History() for k in ('temperature', 'pressure', 'humidity')}
+        self._waiting: dict[tuple[str, str], OrderedDict[int, Beat]] = {}
+        self._trackers: dict[tuple[str, str], VelocityTracker] = {}
+        self._tracked_setting: dict[tuple[str, str], tuple[int, float]] = {}
+        self.unpaired = 0  # results whose partner never came
+        self.without_settings = 0  # results of stations whose sweep settings are not known
+        self.reason = ''  # why the last result was dropped
+
+    def add_sweep_config(self, sweep: SweepSettings) -> None:
+        """Take in a station's settings for one peer."""
+        self._sweeps.setdefault((sweep.station, sweep.peer), History()).add(sweep.stamp, sweep)
+
+    def add_calibration(self, calibration: Calibration) -> None:
+        """Take in a station's calibration."""
+        self._calibrations.setdefault(calibration.station, History()).add(calibration.stamp, calibration)
+
+    def add_board_temperature(self, station: str, stamp: int, temperature: float) -> None:
+        """Take in a station's board temperature [degC]."""
+        self._board_temperatures.setdefault(station, History()).add(stamp, temperature)
+
+    def add_weather(self, quantity: str, stamp: int, value: float) -> None:
+        """Take in a reading of 'temperature' [degC], 'pressure' [Pa] or 'humidity' [0..1]; NaN is ignored."""
+        if math.isfinite(value):
+            self._weather[quantity].add(stamp, value)
+
+    def sweep_config(self, station: str, peer: str, stamp: int) -> SweepSettings | None:
+        """Return the settings that hold at `stamp` [ns], None where none are known."""
+        history = self._sweeps.get((station, peer))
+        found = history.at(stamp) if history else None
+        return found[1] if found else None
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """Return (first, second) of all pairs whose settings are known."""
+        return [key for key, history in self._sweeps.items() if history.latest().role == Role.FIRST]
+
+    def add_beat(self, beat: Beat) -> RangeResult | None:
+        """Take in one station's result; return the range once both stations' results of a sweep are there."""
+        if beat.peer == beat.station:
+            return self._fuse_own(beat)
+        key = (min(beat.station, beat.peer), max(beat.station, beat.peer))
+        waiting = self._waiting.setdefault(key, OrderedDict())
+        partner = waiting.get(beat.sweep_id)
+        if partner is None or partner.station == beat.station:
+            waiting[beat.sweep_id] = beat
+            self._drop_overdue(waiting, beat.stamp)
+            return None
+        del waiting[beat.sweep_id]
+        if abs(partner.stamp - beat.stamp) * 1e-9 > self.settings.pair_time_limit:
+            self.unpaired += 1  # the same number of another run
+            waiting[beat.sweep_id] = beat
+            return None
+        return self._fuse(partner, beat)
+
+    def _drop_overdue(self, waiting: OrderedDict[int, Beat], now: int) -> None:
+        limit = int(self.settings.pair_time_limit * 1e9)
+        while waiting:
+            oldest = next(iter(waiting.values()))
+            if now - oldest.stamp <= limit and len(waiting) <= _WAITING_LIMIT:
+                return
+            waiting.popitem(last=False)
+            self.unpaired += 1
+            self.reason = f"sweep {oldest.sweep_id} of '{oldest.station}': no result of '{oldest.peer}' in time"
+
+    def _station(self, beat: Beat) -> Station | None:
+        sweep = self.sweep_config(beat.station, beat.peer, beat.stamp)
+        if sweep is None:
+            self.without_settings += 1
+            self.reason = f"no sweep settings of '{beat.station}' for '{beat.peer}'"
+            return None
+        history = self._calibrations.get(beat.station)
+        calibration = history.at(beat.stamp) if history else None
+        return Station(beat, sweep, calibration[1] if calibration else Calibration(beat.station))
+
+    def _fuse_own(self, beat: Beat) -> RangeResult | None:
+        station = self._station(beat)
+        if station is None:
+            return None
+        path = own_path(station, self.settings.window, self.settings.alpha_correction)
+        return self._result(station, station, path, station.calibration.delay)
+
+    def _fuse(self, one: Beat, other: Beat) -> RangeResult | None:
+        stations = [self._station(one), self._station(other)]
+        if stations[0] is None or stations[1] is None:
+            return None
+        first, second = sorted(stations, key=lambda s: s.sweep.role)
+        try:
+            path = combine(first, second, self.settings.window, self.settings.alpha_correction)
+        except (ZeroDivisionError, OverflowError) as error:
+            raise ConfigurationError(f"settings of '{first.sweep.station}': {error}") from None
+        return self._result(first, second, path, first.calibration.delay + second.calibration.delay)
+
+    def _result(self, first: Station, second: Station, path: PathDelay, hardware_delay: float) -> RangeResult:
+        stamp = first.beat.stamp
+        index, stale_environment = self._refractive_index(stamp)
+        velocity_of_light = SPEED_OF_LIGHT / index
+        standing_range = (path.delay - hardware_delay) * velocity_of_light
+        range_std = path.std * velocity_of_light
+        flags = self._flags(first, second, stamp) | (Flag.STALE_ENVIRONMENT if stale_environment else Flag.VALID)
+        motion = self._motion(first, second, path, standing_range, range_std, index, flags)
+        if self.settings.velocity == 'tracked' and first is not second and not math.isfinite(motion.velocity):
+            flags |= Flag.UNKNOWN_VELOCITY
+        rate = doppler_range_rate(path, first.sweep.chirp_rate)
+        velocity_correction = 0.0
+        if math.isfinite(motion.velocity):
+            velocity_correction = -rate * motion.velocity
+            range_std = math.hypot(range_std, rate * motion.velocity_std)
+        uncorrected = path.uncorrected * SPEED_OF_LIGHT
+        alpha_correction = (path.delay - path.uncorrected) * SPEED_OF_LIGHT
+        delay_correction = -hardware_delay * SPEED_OF_LIGHT
+        atmosphere_correction = (path.delay - hardware_delay) * (velocity_of_light - SPEED_OF_LIGHT)
+        corrected = uncorrected + alpha_correction + delay_correction + atmosphere_correction + velocity_correction
+        if not self.settings.minimum_range <= corrected <= self.settings.maximum_range:
+            flags |= Flag.OUT_OF_LIMITS
+        return RangeResult(
+            stamp=stamp,
+            frame_id=first.beat.frame_id,
+            first_station=first.sweep.station,
+            second_station=second.sweep.station,
+            sweep_id=first.beat.sweep_id,
+            mode=first.sweep.mode,
+            flags=int(flags),
+            range=corrected,
+            range_std=range_std,
+            velocity=motion.velocity,
+            uncorrected_range=uncorrected,
+            alpha_correction=alpha_correction,
+            atmosphere_correction=atmosphere_correction,
+            delay_correction=delay_correction,
+            velocity_correction=velocity_correction,
+            refractive_index=index,
+            path_delay=path.delay,
+            carrier_phase=path.carrier_phase,
+        )
+
+    def _refractive_index(self, stamp: int) -> tuple[float, bool]:
+        """Return (refractive index, whether a reading is missing or too old) at `stamp`."""
+        s = self.settings
+        if s.atmosphere == 'vacuum':
+            return 1.0, False
+        values = {'temperature': s.default_temperature, 'pressure': s.default_pressure, 'humidity': s.default_humidity}
+        stale = False
+        for quantity, history in self._weather.items():
+            found = history.at(stamp)
+            if found is None or (stamp - found[0]) * 1e-9 > s.environment_time_limit:
+                stale = True
+            if found is not None:
+                values[quantity] = found[1]
+        index = refractive_index(values['temperature'], values['pressure'], values['humidity'], s.atmosphere)
+        return float(index), stale
+
+    def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
+        flags = Flag.VALID
+        for station in (first, second):
+            if station.beat.flags & _BEAT_WEAK:
+                flags |= Flag.WEAK_SIGNAL
+            if station.beat.flags & ~_BEAT_WEAK:
+                flags |= Flag.SIGNAL_QUALITY
+            if self._calibration_is_stale(station, stamp):
+                flags |= Flag.STALE_CALIBRATION
+        if first is not second and not _match(first.sweep, second.sweep):
+            flags |= Flag.MODE_MISMATCH
+        return flags
+
+    def _calibration_is_stale(self, station: Station, stamp: int) -> bool:
+        name = station.sweep.station
+        if name not in self._calibrations:
+            return True
+        history = self._board_temperatures.get(name)
+        found = history.at(stamp) if history else None
+        if found is None:
+            return False
+        return abs(found[1] - station.calibration.temperature) > self.settings.calibration_temperature_limit
+
+    def _motion(
+        self,
+        first: Station,
+        second: Station,
+        path: PathDelay,
+        standing_range: float,
+        range_std: float,
+        index: float,
+        flags: Flag,
+    ) -> Motion:
+        """Return the pair's velocity at this sweep, from its carrier phases or as set."""
+        if self.settings.velocity == 'standing' or first is second:
+            return STANDING if self.settings.velocity == 'standing' else UNKNOWN
+        key = (first.sweep.station, second.sweep.station)
+        tracker = self._trackers.setdefault(key, VelocityTracker(self.settings.maximum_acceleration))
+        doubtful = Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY
+        setting = (first.sweep.mode, first.sweep.start_delay)
+        if self._tracked_setting.setdefault(key, setting) != setting:
+            tracker.restart()
+            self._tracked_setting[key] = setting
+        if flags & (Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY):
+            return tracker.coast(first.beat.stamp)
+        return tracker.update(first.beat.stamp, path, standing_range, range_std, index)
+
+
+def _match(first: SweepSettings, second: SweepSettings) -> bool:
+    """Return True where two stations sweep alike, so that their results belong together."""
+    same = ('mode', 'bandwidth', 'ramp_duration', 'start_delay')
+    return first.role != second.role and all(getattr(first, name) == getattr(second, name) for name in same)

@@ -1,0 +1,121 @@
+"""`replay RECORDING`: recompute a recording's ranges offline, or play its measured topics into the live graph."""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, read_yaml
+from drfmcw_ros.bag import BagReader
+from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from . import report
+from .offline import RecordingReplay, Replay
+from .settings import FusionSettings
+from .statistics import DEFAULT_BIN, setting_statistics
+from .verification import compare_with_recorded
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    own, ros = split_ros_arguments(argv)
+    arguments = _parser().parse_args(own)
+    if arguments.publish:
+        from .player import play  # the offline replay needs no ROS graph
+
+        return guarded('drfmcw replay', lambda: play(arguments, ros))
+    return guarded('drfmcw replay', lambda: _offline(arguments))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog='drfmcw replay', description=__doc__)
+    parser.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
+    offline = parser.add_argument_group('offline (default): as fast as possible')
+    offline.add_argument('--json', metavar='FILE', help="write the table as JSON, '-' prints it")
+    offline.add_argument('--csv', metavar='FILE', help="write the table as CSV, '-' prints it")
+    offline.add_argument('--results', metavar='FILE', help='write every range with its corrections as CSV')
+    offline.add_argument('--plot', metavar='FILE', help='write a plot (.png, .svg, .pdf)')
+    offline.add_argument('--station', action='append', metavar='NAME', help='only this station (repeatable)')
+    offline.add_argument('--bin', type=float, default=DEFAULT_BIN, metavar='M', help="width of a drive's distance bins")
+    offline.add_argument('--verify', action='store_true', help='compare with the ranges in the recording, bit by bit')
+    offline.add_argument('--config', metavar='FILE', help="YAML with 'estimator' and 'fusion' settings")
+    for name, choices in (('atmosphere', None), ('velocity', None)):
+        declared = declared_parameters(FusionSettings)[name][1]
+        offline.add_argument(f'--{name}', choices=declared.choices or choices, help=declared.description)
+    offline.add_argument('--window', help=declared_parameters(EstimatorSettings)['window'][1].description)
+    offline.add_argument('--no-alpha', action='store_true', help='take all clocks as nominal (no eq. 19)')
+    live = parser.add_argument_group('into the live graph')
+    live.add_argument('--publish', action='store_true', help='publish the measured topics instead')
+    live.add_argument('--rate', type=float, default=1.0, metavar='X', help='play X times as fast; 0: as fast as possible')
+    live.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0: until stopped')
+    live.add_argument('--restamp', action='store_true', help='move stamps to the time of publishing')
+    live.add_argument('--wait', type=float, default=10.0, metavar='S', help='wait at most S for subscribers')
+    return parser
+
+
+def settings_from(arguments: argparse.Namespace) -> tuple[EstimatorSettings, FusionSettings]:
+    """Return the estimator's and the fusion's settings that the command line asks for.
+
+    Raises:
+        ConfigurationError: unknown key or wrong value in --config or an option.
+    """
+    sections: dict = read_yaml(arguments.config) if arguments.config else {}
+    where = str(arguments.config)
+    unknown = set(sections) - {'estimator', 'fusion'}
+    if unknown:
+        raise ConfigurationError(f"{where}: unknown key '{sorted(unknown)[0]}'; valid: estimator, fusion")
+    estimator_values = dict(sections.get('estimator') or {})
+    if arguments.window:
+        estimator_values['window'] = arguments.window
+    estimator = from_mapping(EstimatorSettings, estimator_values, f'{where}: estimator' if arguments.config else 'options')
+    fusion = from_mapping(FusionSettings, sections.get('fusion'), f'{where}: fusion')
+    chosen = {name: getattr(arguments, name) for name in ('atmosphere', 'velocity') if getattr(arguments, name)}
+    if arguments.no_alpha:
+        chosen['alpha_correction'] = False
+    return estimator, dataclasses.replace(fusion, **chosen)
+
+
+def _offline(arguments: argparse.Namespace) -> int:
+    estimator, fusion = settings_from(arguments)
+    if not arguments.bin > 0.0:
+        raise ConfigurationError(f'--bin = {arguments.bin:g} m must be above zero')
+    quiet = '-' in (arguments.json, arguments.csv)  # the data is what is printed
+    console = Console(stderr=quiet)
+    with BagReader(arguments.recording) as bag:
+        engine = RecordingReplay(bag, estimator, fusion, arguments.station)
+        replay = _with_progress(engine, bag.message_count)
+    rows = setting_statistics(replay.results, replay.reference, arguments.bin)
+    for line in replay.missing:
+        console.print(f'note: {line}', highlight=False)
+    for reason, count in replay.dropped.items():
+        console.print(f'note: {count} sweeps without a range: {reason}', highlight=False)
+    if not rows:
+        raise ConfigurationError(f'{arguments.recording}: no range could be computed from {replay.sweeps} sweeps')
+    name = Path(arguments.recording).name
+    console.print(report.table(rows, name))
+    console.print(report.summary(rows), highlight=False)
+    if arguments.json:
+        report.write_json(rows, arguments.json)
+    if arguments.csv:
+        report.write_csv(rows, arguments.csv)
+    if arguments.results:
+        report.write_results(replay.results, arguments.results)
+    if arguments.plot:
+        report.write_plot(replay.results, replay.reference, rows, name, arguments.plot)
+        console.print(f'plot: {arguments.plot}', highlight=False)
+    return compare_with_recorded(arguments.recording, replay.results, console) if arguments.verify else 0
+
+
+def _with_progress(engine: RecordingReplay, message_count: int) -> Replay:
+    columns = (TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:>3.0f} %'), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task('replaying', total=message_count)
+        return engine.run(lambda count: progress.update(task, completed=count))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

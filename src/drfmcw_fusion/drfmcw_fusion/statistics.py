@@ -1,0 +1,120 @@
+"""Errors against the reference, per distance setting."""
+
+import dataclasses
+import math
+
+import numpy as np
+from drfmcw_physics.sweep import Mode
+
+from .offline import Reference
+from .pipeline import Flag, RangeResult
+
+_REFERENCE_TIME_LIMIT = 2.0  # between a sweep and the reference readings beside it [s]
+_PAUSE = 2.0  # a longer one between sweeps begins a new setting [s]
+_FASTEST = 10.0  # a faster change of the reference is a new setting, not a drive [m/s]
+_DRIVE = 2.0  # a larger change of the reference within a setting makes it a drive [m]
+DEFAULT_BIN = 50.0
+"""Width of the distance bins into which a drive is sorted [m]."""
+
+_EXCLUDED = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS
+
+
+@dataclasses.dataclass(frozen=True)
+class SettingStatistics:
+    """Ranges of one distance setting; reference and bias are None where no reference was recorded."""
+
+    pair: str
+    mode: str  # 'SD' or 'LD'
+    reference: float | None  # mean [m]
+    n: int
+    bias: float | None  # mean of range minus reference [m]
+    std: float  # of range minus reference, of the range without a reference [m]; NaN for a single one
+    range: float  # mean [m]
+    range_std: float  # root mean square of what was reported as standard deviation [m]
+    delay: float  # mean delay of the whole path, hardware included [s]
+    excluded: int  # sweeps left out: weak signal, stations that disagree on the mode, out of limits
+
+
+def reference_at(reference: Reference, stamps: np.ndarray) -> np.ndarray:
+    """Return the reference distance at `stamps` [ns], shape (n,) [m]; NaN where no reading is near enough.
+
+    A reading of the same stamp counts as it is, between readings the distance is interpolated.
+    """
+    stamps = np.asarray(stamps, dtype=np.int64)
+    if not len(reference.stamps):
+        return np.full(stamps.shape, np.nan)
+    start = reference.stamps[0]
+    seconds, wanted = (reference.stamps - start) * 1e-9, (stamps - start) * 1e-9
+    after = np.clip(np.searchsorted(reference.stamps, stamps), 0, len(seconds) - 1)
+    before = np.clip(after - (reference.stamps[after] > stamps), 0, len(seconds) - 1)
+    near_before = np.abs(wanted - seconds[before]) <= _REFERENCE_TIME_LIMIT
+    near_after = np.abs(seconds[after] - wanted) <= _REFERENCE_TIME_LIMIT
+    span = seconds[after] - seconds[before]
+    weight = np.divide(wanted - seconds[before], span, out=np.zeros_like(span), where=span > 0)
+    between = reference.ranges[before] * (1.0 - weight) + reference.ranges[after] * weight
+    nearest = np.where(near_before, reference.ranges[before], reference.ranges[after])
+    return np.where(near_before & near_after, between, np.where(near_before | near_after, nearest, np.nan))
+
+
+def setting_statistics(
+    results: list[RangeResult], reference: Reference, bin_width: float = DEFAULT_BIN
+) -> list[SettingStatistics]:
+    """Return one row per distance setting, in order of pair and time; a drive is sorted into distance bins.
+
+    A new setting begins after a pause, with a new mode, or where the distance jumps.
+
+    Args:
+        results: of one replay.
+        reference: readings of the reference instrument, may be empty.
+        bin_width: of a drive's distance bins [m].
+    """
+    rows: list[SettingStatistics] = []
+    pairs = sorted({(r.first_station, r.second_station) for r in results})
+    for pair in pairs:
+        own = sorted((r for r in results if (r.first_station, r.second_station) == pair), key=lambda r: r.stamp)
+        stamps = np.array([r.stamp for r in own], dtype=np.int64)
+        truth = reference_at(reference, stamps)
+        distance = np.where(np.isfinite(truth), truth, [r.range for r in own])
+        settings = _settings(stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(reference.stamps)))
+        drives: dict[tuple[int, int], list[int]] = {}
+        for setting in settings:
+            if np.ptp(distance[setting]) <= _DRIVE:
+                rows.append(_row(pair, [own[i] for i in setting], truth[setting]))
+                continue
+            for i in setting:
+                drives.setdefault((own[i].mode, math.floor(distance[i] / bin_width)), []).append(i)
+        rows.extend(_row(pair, [own[i] for i in drives[key]], truth[drives[key]]) for key in sorted(drives))
+    return rows
+
+
+def _settings(stamps: np.ndarray, modes: np.ndarray, distance: np.ndarray, has_reference: bool) -> list[np.ndarray]:
+    """Return index arrays of the runs of sweeps that belong to one setting."""
+    step = np.diff(stamps) * 1e-9
+    new = (step > _PAUSE) | (np.diff(modes) != 0)
+    if has_reference:
+        new |= np.abs(np.diff(distance)) > np.maximum(_FASTEST * step, _DRIVE)
+    return np.split(np.arange(len(stamps)), np.flatnonzero(new) + 1)
+
+
+def _row(pair: tuple[str, str], results: list[RangeResult], truth: np.ndarray) -> SettingStatistics:
+    has_reference = bool(np.isfinite(truth).any())
+    chosen = np.array([not r.flags & _EXCLUDED and math.isfinite(r.range) for r in results])
+    if has_reference:
+        chosen &= np.isfinite(truth)
+    excluded = int(len(results) - chosen.sum())
+    kept = [r for r, take in zip(results, chosen, strict=True) if take]
+    ranges = np.array([r.range for r in kept])
+    error = ranges - truth[chosen] if has_reference else ranges
+    nothing = math.nan
+    return SettingStatistics(
+        pair='/'.join(pair),
+        mode=Mode(results[0].mode).short_name,
+        reference=float(np.mean(truth[np.isfinite(truth)])) if has_reference else None,
+        n=len(kept),
+        bias=(float(np.mean(error)) if kept else nothing) if has_reference else None,
+        std=float(np.std(error, ddof=1)) if len(kept) > 1 else nothing,
+        range=float(np.mean(ranges)) if kept else nothing,
+        range_std=float(np.sqrt(np.mean([r.range_std**2 for r in kept]))) if kept else nothing,
+        delay=float(np.mean([r.path_delay for r in kept])) if kept else nothing,
+        excluded=excluded,
+    )

@@ -1,0 +1,71 @@
+"""What all command lines share: one line and status 2 for a wrong input, a quiet end on Ctrl-C or a closed pipe."""
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from drfmcw_physics.settings import ConfigurationError
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and leave with status 2."""
+        self.exit(2, f'{self.prog}: {message} (see {self.prog} --help)\n')
+
+
+def guarded(prog: str, work: Callable[[], int | None]) -> int:
+    """Run `work` and return the exit status: its own or 0, 2 with one line for wrong input, 130 after Ctrl-C."""
+    try:
+        return work() or 0
+    except ConfigurationError as error:
+        print(f'{prog}: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130
+
+
+def split_ros_arguments(argv: Sequence[str] | None) -> tuple[list[str], list[str]]:
+    """Return (own arguments, arguments for ROS): everything from --ros-args up to -- goes to ROS."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if '--ros-args' not in arguments:
+        return arguments, []
+    start = arguments.index('--ros-args')
+    end = arguments.index('--', start) + 1 if '--' in arguments[start:] else len(arguments)
+    return arguments[:start] + arguments[end:], arguments[start:end]
+
+
+def write_atomically(path: Path | str, content: str | bytes) -> None:
+    """Write a file under a temporary name and rename it, so that a half-written one never stands under its name.
+
+    Raises:
+        ConfigurationError: the place cannot be written.
+    """
+    path = Path(path)
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+        try:
+            with os.fdopen(handle, 'wb') as file:
+                file.write(data)
+            os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as error:
+        raise ConfigurationError(f'{path}: {error.strerror or error}') from None
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
