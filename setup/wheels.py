@@ -142,8 +142,8 @@ class _Counter:
     def show(self, installed, wanted):
         """Show the state, with the number of wheels installed so far."""
         installed = min(installed, wanted)
-        what = f"{installed} of {wanted} installed" if installed > wanted // 20 else f"{self._fetched} of {wanted} fetched"
-        self._progress.show("wheels", min(1, (self._fetched + installed) / self._total), what)
+        done, verb = (installed, "installed") if installed > wanted // 20 else (self._fetched, "fetched")
+        self._progress.show("wheels", min(1, (self._fetched + installed) / self._total), f"{done} of {wanted} {verb}")
 
 
 def _install_extras(root, venv, output, lock, progress):

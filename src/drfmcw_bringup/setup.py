@@ -20,7 +20,7 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="Launch files, parameter files and the processes of a whole graph.",
+    description="Launch files, parameter files and the processes of a whole graph",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

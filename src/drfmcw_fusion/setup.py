@@ -16,7 +16,7 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="From the beat frequencies of two stations to their distance: combination, corrections, tracking, pairing, fusion node, recorder and replay.",
+    description="From the beat frequencies of two stations to their distance",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

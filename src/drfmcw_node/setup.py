@@ -16,7 +16,7 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="One sensor-node: beat-frequency estimation, sample sources, radio-link compression and the station node.",
+    description="One sensor-node of the radar: from IF samples to beat frequencies",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

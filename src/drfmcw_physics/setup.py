@@ -16,6 +16,6 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="Sweep, oscillators, air, link budget, phase noise and bounds of a cooperative FMCW radar, and the declared settings. Free of ROS.",
+    description="Physics of the cooperative dual-ramp FMCW radar, free of ROS: arrays and dataclasses in an",
     license="Apache-2.0",
 )

@@ -16,6 +16,6 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="Plumbing every node shares: parameters from declared settings, QoS, diagnostics, shutdown, message boundary, bags.",
+    description="Plumbing that every drfmcw node shares: parameters, QoS, diagnostics, shutdown, message bo",
     license="Apache-2.0",
 )

@@ -16,7 +16,7 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="Signal model, effects, scenario and the simulator node that stands in for the radar hardware.",
+    description="Simulator of the cooperative FMCW radar: signal model, effects, scenario, node",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
