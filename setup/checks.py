@@ -25,7 +25,7 @@ def check_machine(root, system_ros):
         raise SetupError(f"Python {version}'s headers are missing, which building the messages needs: {mend}")
     free = shutil.disk_usage(root).free
     if not system_ros and free < NEEDED_SPACE:
-        raise SetupError(f"{free / 1e9:.1f} GB left on the disk of {root}, {NEEDED_SPACE / 1e9:.1f} GB needed: free some")
+        raise SetupError(f"{free / 1e9:.1f} GB left on the disk of {root}, {NEEDED_SPACE / 1e9:.1f} needed: free some")
 
 
 def check_writable(root):

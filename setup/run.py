@@ -30,7 +30,8 @@ def variables(root, environ):
     venv = os.path.join(root, stamp.VENV)
     install = os.path.join(root, "install")
     # src/ before install/: a change of a Python module must take effect without another build.
-    packages = sorted(os.path.dirname(path) for path in glob.glob(os.path.join(glob.escape(root), "src", "*", "setup.py")))
+    setups = glob.glob(os.path.join(glob.escape(root), "src", "*", "setup.py"))
+    packages = sorted(os.path.dirname(path) for path in setups)
     built = glob.glob(os.path.join(glob.escape(install), "lib", "python3*", "site-packages"))
     prepend(result, "PYTHONPATH", packages + built)
     libraries = [os.path.join(install, "lib")]

@@ -16,6 +16,6 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="Physics of the cooperative dual-ramp FMCW radar, free of ROS: arrays and dataclasses in an",
+    description="Physics of the cooperative FMCW radar and the declared settings, free of ROS",
     license="Apache-2.0",
 )

@@ -16,6 +16,6 @@ setup(
     zip_safe=True,
     maintainer="drfmcw maintainers",
     maintainer_email="drfmcw@example.com",
-    description="Plumbing that every drfmcw node shares: parameters, QoS, diagnostics, shutdown, message bo",
+    description="Plumbing that every node of drfmcw shares",
     license="Apache-2.0",
 )
