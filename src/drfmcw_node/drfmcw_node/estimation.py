@@ -1,7 +1,7 @@
 """Beat frequency of a batch of sweeps, with standard deviation, phase, power, signal-to-noise ratio and flags.
 
-Free of ROS. An estimator is made once per setting (`estimator`) and called with the samples of any number of sweeps; the
-result of each sweep is the same to the last bit whatever the batch.
+Free of ROS. An estimator is made once per setting (`estimator`) and called with the samples of any number of sweeps;
+the result of each sweep is the same to the last bit whatever the batch.
 
 Conventions: frequencies count on the station's own nominal clock. The line is the one at positive frequency,
 A cos(phase), and `phase` is its phase at the nominal sweep's centre, T_sw/2 after the first sample. A quadrature
@@ -15,6 +15,7 @@ import functools
 import math
 
 import numpy as np
+
 from drfmcw_physics.bounds import additive_std, image_noise_ratio, phase_noise_std
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, parameter
@@ -28,6 +29,7 @@ WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall',
 
 _CHUNK = 1 << 17  # samples worked on at once: their temporaries stay in the cache
 _DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
+_TINY = float(np.finfo(float).tiny)
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -53,7 +55,7 @@ class EstimatorSettings:
     zoom_points: int = parameter(33, bounds=(5, 1025), description='points of the chirp-z zoom')
     zoom_span: float = parameter(2.0, unit='bins', bounds=(1.0, 16.0), description='width of the chirp-z zoom')
     guard_bins: float = parameter(
-        8.0, unit='bins', bounds=(2.0, 1e4), description='bins kept off 0 Hz and off the Nyquist frequency by the search'
+        8.0, unit='bins', bounds=(2.0, 1e4), description='not searched next to 0 Hz and to the Nyquist frequency'
     )
     minimum_frequency: float = parameter(
         0.0, unit='Hz', bounds=(0.0, 1e10), description='lowest frequency searched, where above the guard'
@@ -172,10 +174,11 @@ class Estimator:
         """
         full_scale = np.broadcast_to(np.asarray(full_scale, float), len(samples))
         rows = max(_CHUNK // self.sweep.sample_count, 1)
-        parts = [
-            self._estimate(samples[i : i + rows], full_scale[i : i + rows], None if spectrum is None else spectrum[i : i + rows])
-            for i in range(0, len(samples), rows)
-        ]
+        parts = []
+        for i in range(0, len(samples), rows):
+            chunk = slice(i, i + rows)
+            wanted = None if spectrum is None else spectrum[chunk]
+            parts.append(self._estimate(samples[chunk], full_scale[chunk], wanted))
         fields = parts[0] if len(parts) == 1 else [np.concatenate(p) for p in zip(*parts, strict=True)]
         return Estimates(
             *fields[:6],
@@ -227,17 +230,15 @@ class Estimator:
         bins, amplitude = self._refine(windowed, peak)
         line = amplitude.real**2 + amplitude.imag**2
         noise = self.meter.measure(power, peak, line, full_scale)
-        results = self._results(samples, power, peak, bins, amplitude, line, noise, full_scale)
-        if wanted is not None:
-            results.append(self._decibel_full_scale(shown[wanted], full_scale[wanted]))
-        return results
+        magnitude = [] if wanted is None else [self._decibel_full_scale(shown[wanted], full_scale[wanted])]
+        return self._results(samples, power, peak, bins, amplitude, line, noise, full_scale) + magnitude
 
     def _results(self, samples, power, peak, bins, amplitude, line, noise, full_scale) -> list[np.ndarray]:
         """Return the six result arrays from the refined line and the noise [LSB^2]; arguments as in `_estimate`."""
         sweep, settings = self.sweep, self.settings
         frequency = bins * (sweep.sample_rate / self.length)
         absent = line <= 0.0
-        line = np.where(absent, np.finfo(float).tiny, line)
+        line = np.where(absent, _TINY, line)
         ratio = line / self._window_sum**2 / noise * sweep.sample_rate  # of line to noise density [Hz]
         snr = ratio * sweep.ramp_duration
         lead = sweep.ramp_duration / 2 - self.center
@@ -245,17 +246,18 @@ class Estimator:
         level = self._decibel_full_scale(line, full_scale)
         snr_decibel = 10.0 * np.log10(snr)
         std = self._frequency_std(frequency, ratio * self.duration)
-        flags = np.zeros(len(line), np.uint8)
-        flags |= np.uint8(Flag.WEAK_SIGNAL) * (absent | (snr_decibel < settings.weak_threshold))
-        flags |= np.uint8(Flag.CLIPPED) * clipped(samples, full_scale)
-        flags |= np.uint8(Flag.NEAR_DC) * (frequency < self._edges[0])
-        flags |= np.uint8(Flag.NEAR_NYQUIST) * (frequency > self._edges[1])
-        second = self._second_line(power, peak)
-        weakest = 10.0 ** (settings.weak_threshold / 10.0) * self._window_sum**2 * noise
-        flags |= np.uint8(Flag.AMBIGUOUS) * (
-            (second > line * 10.0 ** (-settings.ambiguity_threshold / 10.0))
-            & (second * sweep.sample_rate * sweep.ramp_duration > weakest)
+        second = self._second_line(power, peak) / line  # a line itself only where it is not weak
+        ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
+            second * snr > 10.0 ** (settings.weak_threshold / 10.0)
         )
+        flags = (snr_decibel < settings.weak_threshold).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
+        for flag, raised in (
+            (Flag.CLIPPED, clipped(samples, full_scale)),
+            (Flag.NEAR_DC, frequency < self._edges[0]),
+            (Flag.NEAR_NYQUIST, frequency > self._edges[1]),
+            (Flag.AMBIGUOUS, ambiguous),
+        ):
+            flags[raised] |= np.uint8(flag)
         return [
             flags,
             np.where(absent, np.nan, frequency),
@@ -273,20 +275,22 @@ class Estimator:
             for noise in self.noises:
                 inverse = inverse + image_noise_ratio(noise, frequency, self.duration, self.sweep.sample_rate)
         if self.sweep.hears_itself and self.noises:
+            noise, window = self.noises[0], self.settings.window
             delays = frequency / abs(self.sweep.chirp_rate)
-            variance = np.array([phase_noise_std(self.noises[0], self.duration, self.settings.window, d) for d in delays]) ** 2
+            variance = np.array([phase_noise_std(noise, self.duration, window, d) for d in delays]) ** 2
         return np.sqrt(additive_std(1.0 / inverse, self.duration, self.settings.window) ** 2 + variance)
 
     def _second_line(self, power: np.ndarray, peak: np.ndarray) -> np.ndarray:
         """Return the strongest bin outside the line's main lobe (B,); blanks the line in `power`."""
         lobe = _LOBE_BINS * max(1, round(self.length / (self.duration * self.sweep.sample_rate)))
-        around = np.clip(peak[:, None] + np.arange(-lobe, lobe + 1), 0, power.shape[1] - 1)
-        searched = power.copy()
-        np.put_along_axis(searched, around, 0.0, axis=1)
-        return searched[:, self._first : self._last + 1].max(axis=1)
+        around = peak + np.arange(-lobe, lobe + 1)[:, None]
+        np.maximum(around, 0, out=around)
+        np.minimum(around, power.shape[1] - 1, out=around)
+        power[np.arange(len(peak)), around] = 0.0
+        return power[:, self._first : self._last + 1].max(axis=1)
 
     def _upright(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return windowed quadrature sweeps with their line at positive frequency, and the power of all bins as received."""
+        """Return windowed quadrature sweeps, their line at positive frequency, and the power of bins as received."""
         pairs = samples.reshape(len(samples), -1, 2)
         mean = pairs.sum(axis=1, dtype=np.int64) / pairs.shape[1]
         windowed = ((pairs - mean[:, None, :]) * self.window[:, None]).view(complex)[..., 0]
@@ -326,11 +330,10 @@ class PaperEstimator(Estimator):
         zoomed = self._zoom(windowed, peak)
         offsets = self._zoom.offsets
         magnitude = zoomed.real**2 + zoomed.imag**2
-        top = np.clip(magnitude.argmax(axis=1), 1, len(offsets) - 2)
-        three = top[:, None] + np.arange(-1, 2)
-        log_magnitude = np.log(np.maximum(np.take_along_axis(magnitude, three, axis=1), np.finfo(float).tiny))
-        vertex = parabola_vertex(*log_magnitude.T)
-        amplitude = parabola_value(*np.take_along_axis(zoomed, three, axis=1).T, vertex)
+        top = np.minimum(np.maximum(magnitude.argmax(axis=1), 1), len(offsets) - 2)
+        three = np.arange(len(peak)), top + np.array([[-1], [0], [1]])
+        vertex = parabola_vertex(*np.log(np.maximum(magnitude[three], _TINY)))
+        amplitude = parabola_value(*zoomed[three], vertex)
         return peak + offsets[top] + vertex * (offsets[1] - offsets[0]), amplitude
 
 

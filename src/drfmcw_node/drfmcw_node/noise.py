@@ -7,6 +7,7 @@ import dataclasses
 import math
 
 import numpy as np
+
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.phase_noise import PhaseNoise, combination_gain
 from drfmcw_physics.sweep import SweepSettings
@@ -79,7 +80,7 @@ class NoiseMeter:
             bins = peak[:, None] + np.concatenate([-half[::-1], half])
             bins = np.where(bins < self.first_bin, bins + 4 * half[-1], bins)  # past the end: on the other side
             bins = np.clip(np.where(bins > self.last_bin, bins - 4 * half[-1], bins), self.first_bin, self.last_bin)
-        total, relative_std = self._clipped_mean(np.take_along_axis(power, bins, axis=1))
+        total, relative_std = self._clipped_mean(power[np.arange(len(peak))[:, None], bins])
         skirt = self._skirt(bins, peak) * (line / self.window_sum**2)
         measured = total - skirt
         variance = (relative_std * total) ** 2 + (_SKIRT_UNCERTAINTY * skirt) ** 2
@@ -107,11 +108,9 @@ class NoiseMeter:
         stride = max(bins.shape[1] // _SKIRT_POINTS, 1)
         width, rate = self.sweep.sample_rate / self.length, self.sweep.sample_rate
         at, line = bins[:, stride // 2 :: stride] * width, (peak * width)[:, None]
+        # a real line has its mirror image, which repeats at the sample rate
         offsets = [at - line] if self.iq else [at - line, at + line, rate - at - line]
-        density = np.zeros(at.shape)
-        for offset in offsets:
-            for noise in self.noises:
-                density += noise.single_sideband(offset)
+        density = sum(noise.single_sideband(np.stack(offsets)) for noise in self.noises).sum(axis=0)
         if self.sweep.hears_itself:
             density *= combination_gain(at - line, line / abs(self.sweep.chirp_rate))
         return density.mean(axis=1) * rate

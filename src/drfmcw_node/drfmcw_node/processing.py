@@ -4,13 +4,15 @@ The station node and the offline replay call this same class; since every look-u
 estimate is independent of the batch, both give the same numbers to the last bit.
 """
 
-import bisect
 import collections
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+
+from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
@@ -64,40 +66,15 @@ class Spectrum:
     frame_id: str = ''
 
 
-class StampedHistory:
-    """Values that hold from their stamp on."""
-
-    def __init__(self) -> None:
-        """Start empty."""
-        self._stamps: list[int] = []
-        self._values: list = []
-
-    def add(self, value: SweepSettings | Calibration) -> None:
-        """Insert a value at its stamp; a repetition of what holds already changes nothing."""
-        at = bisect.bisect_right(self._stamps, value.stamp)
-        if at and _same(self._values[at - 1], value):
-            return
-        if at and self._stamps[at - 1] == value.stamp:
-            self._values[at - 1] = value
-            return
-        self._stamps.insert(at, value.stamp)
-        self._values.insert(at, value)
-
-    def at(self, stamp: int) -> SweepSettings | Calibration | None:
-        """Return the newest value not later than `stamp`, None where there is none."""
-        i = bisect.bisect_right(self._stamps, stamp)
-        return self._values[i - 1] if i else None
-
-
 class StationProcessor:
     """Turns sweeps of any stations into beat frequencies."""
 
     def __init__(self, settings: EstimatorSettings | None = None) -> None:
         """Start without settings of the sweep and without calibrations."""
         self._settings = settings or EstimatorSettings()
-        self._sweep_settings: dict[tuple[str, str], StampedHistory] = collections.defaultdict(StampedHistory)
-        self._calibrations: dict[str, StampedHistory] = collections.defaultdict(StampedHistory)
-        self._estimators: dict[tuple, Estimator | ConfigurationError] = {}
+        self._sweep_settings: dict[tuple[str, str], History[SweepSettings]] = collections.defaultdict(History)
+        self._calibrations: dict[str, History[Calibration]] = collections.defaultdict(History)
+        self._estimators: dict[tuple, Estimator | str] = {}
         self.sweeps = 0
         """Sweeps given since start."""
         self.weak = 0
@@ -117,16 +94,16 @@ class StationProcessor:
 
     def add_sweep_config(self, settings: SweepSettings) -> None:
         """Add settings of a station and its peer, valid from their stamp on."""
-        self._sweep_settings[settings.station, settings.peer].add(settings)
+        self._sweep_settings[settings.station, settings.peer].add(settings.stamp, settings)
         self._estimators.clear()
 
     def add_calibration(self, calibration: Calibration) -> None:
         """Add a station's calibration, valid from its stamp on."""
-        self._calibrations[calibration.station].add(calibration)
+        self._calibrations[calibration.station].add(calibration.stamp, calibration)
         self._estimators.clear()
 
     def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
-        """Return the beat frequencies of the sweeps that can be evaluated, in order; the others are counted in `dropped`."""
+        """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
         return self._process(sweeps, 0)[0]
 
     def process_with_spectra(self, sweeps: Sequence[Sweep], every: int = 1) -> tuple[list[Beat], list[Spectrum]]:
@@ -163,18 +140,16 @@ class StationProcessor:
 
     def _estimator(self, sweep: Sweep) -> Estimator | str:
         """Return the estimator for the sweep's settings and calibrations, or why there is none."""
-        history = self._sweep_settings.get((sweep.station, sweep.peer))
-        settings = history.at(sweep.stamp) if history else None
+        settings = _holding(self._sweep_settings.get((sweep.station, sweep.peer)), sweep.stamp)
         if settings is None:
             return f'no sweep settings of {sweep.station} for {sweep.peer} from before the sweep'
-        found = []
+        calibrations = []
         for station in (sweep.station, sweep.peer):
-            history = self._calibrations.get(station)
-            calibration = history.at(sweep.stamp) if history else None
+            calibration = _holding(self._calibrations.get(station), sweep.stamp)
             if calibration is None:
                 return f'no calibration of {station} from before the sweep'
-            found.append(calibration)
-        own, peer = found
+            calibrations.append(calibration)
+        own, peer = calibrations
         key = (id(settings), id(own), id(peer), sweep.iq)
         chosen = self._estimators.get(key)
         if chosen is None:
@@ -184,6 +159,12 @@ class StationProcessor:
                 chosen = str(error)
             self._estimators[key] = chosen
         return chosen
+
+
+def _holding(history: History | None, stamp: int) -> Any:
+    """Return the value that holds at `stamp`, None where none does."""
+    found = history.at(stamp) if history is not None else None
+    return None if found is None else found[1]
 
 
 def _refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
@@ -220,14 +201,4 @@ def _spectrum(sweep: Sweep, window: str, result: Estimates, magnitude: np.ndarra
         magnitude,
         sweep.stamp,
         sweep.frame_id,
-    )
-
-
-def _same(first: SweepSettings | Calibration, second: SweepSettings | Calibration) -> bool:
-    """Return True where both hold the same values (NaN equal to NaN), whatever their stamps."""
-    return all(
-        a == b or (a != a and b != b)
-        for f in dataclasses.fields(first)
-        if f.name != 'stamp'
-        for a, b in [(getattr(first, f.name), getattr(second, f.name))]
     )

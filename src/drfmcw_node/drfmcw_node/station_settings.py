@@ -1,0 +1,81 @@
+"""What can be set of a station node besides the estimation."""
+
+import dataclasses
+import math
+
+from drfmcw_physics.settings import ConfigurationError, parameter
+
+from .compression import CODECS
+
+SOURCES = ('topic', 'compressed', 'recording', 'tcp', 'udp')
+"""Where sweeps come from; with the last three the node stands for the hardware and publishes its settings too."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StationSettings:
+    """Settings of a station node."""
+
+    station: str = parameter('', structural=True, description='name of the station; empty: last name of the namespace')
+    frame_id: str = parameter('', description="frame of the antenna; empty: the sweep's, or <station>_antenna")
+    source: str = parameter('topic', choices=SOURCES, structural=True, description='where sweeps come from')
+    ip_address: str = parameter('127.0.0.1', structural=True, description='address that sources tcp and udp listen at')
+    ip_port: int = parameter(
+        9000, structural=True, bounds=(0, 65535), description='port that sources tcp and udp listen at; 0: any'
+    )
+    recording: str = parameter('', structural=True, description='path of the rosbag2 recording, of source recording')
+    recording_rate: float = parameter(
+        1.0, structural=True, bounds=(0.0, 1e6), description='times as fast as recorded; 0: as fast as possible'
+    )
+    peer: str = parameter('', structural=True, description='peers, separated by commas, of sources tcp and udp')
+    time_offset: float = parameter(
+        0.0, unit='s', bounds=(-10.0, 10.0), description='added to the stamps of the sweeps (latency correction)'
+    )
+    output: str = parameter(
+        'results',
+        choices=('results', 'compressed', 'both'),
+        description='results only, or raw sweeps compressed for the radio link, or both',
+    )
+    codec: str = parameter('flac', choices=CODECS, description='lossless compression of the raw sweeps')
+    spectrum: bool = parameter(True, description='publish magnitude spectra')
+    spectrum_decimation: int = parameter(
+        1, bounds=(1, 1_000_000), description='publish the spectra of sweeps whose number is a multiple of this'
+    )
+
+    @property
+    def peers(self) -> tuple[str, ...]:
+        """Names of the peers."""
+        return tuple(name.strip() for name in self.peer.split(',') if name.strip())
+
+    @property
+    def owns_sweep(self) -> bool:
+        """True where no other process publishes the station's settings, calibration and status."""
+        return self.source in ('recording', 'tcp', 'udp')
+
+    @property
+    def has_feed(self) -> bool:
+        """True where a digitiser feeds the node."""
+        return self.source in ('tcp', 'udp')
+
+
+@dataclasses.dataclass(frozen=True)
+class Housekeeping:
+    """What a station's status tells; the fields of StationStatus."""
+
+    station: str
+    sweeps: int
+    dropped: int
+    link_quality: float
+    temperature: float = math.nan
+    pll_locked: bool = True
+    stamp: int = 0
+    frame_id: str = ''
+
+
+def check_complete(settings: StationSettings) -> None:
+    """Raise ConfigurationError where a source lacks what only it needs."""
+    if not settings.station:
+        raise ConfigurationError('station: give the name of the station (parameter station, or a namespace)')
+    if settings.source == 'recording' and not settings.recording:
+        raise ConfigurationError('recording: give the path of the recording that source recording plays')
+    if settings.has_feed and not settings.peers:
+        raise ConfigurationError(f'peer: source {settings.source} needs the name of at least one peer')
