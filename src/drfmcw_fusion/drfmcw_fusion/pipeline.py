@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+import functools
 import math
 from collections import OrderedDict
 
@@ -172,7 +173,7 @@ class RangeFusion:
         range_std = path.std * velocity_of_light
         flags = self._flags(first, second, stamp) | (Flag.STALE_ENVIRONMENT if stale_environment else Flag.VALID)
         motion = self._motion(first, second, path, standing_range, range_std, index, flags)
-        if self.settings.velocity == 'tracked' and first is not second and not math.isfinite(motion.velocity):
+        if self.settings.velocity == 'tracked' and first is not second and not motion.confirmed:
             flags |= Flag.UNKNOWN_VELOCITY
         rate = doppler_range_rate(path, first.sweep.chirp_rate)
         velocity_correction = 0.0
@@ -220,8 +221,7 @@ class RangeFusion:
                 stale = True
             if found is not None:
                 values[quantity] = found[1]
-        index = refractive_index(values['temperature'], values['pressure'], values['humidity'], s.atmosphere)
-        return float(index), stale
+        return _refractive_index(values['temperature'], values['pressure'], values['humidity'], s.atmosphere), stale
 
     def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
         flags = Flag.VALID
@@ -269,6 +269,12 @@ class RangeFusion:
         if flags & (Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY):
             return tracker.coast(first.beat.stamp)
         return tracker.update(first.beat.stamp, path, standing_range, range_std, index)
+
+
+@functools.lru_cache(maxsize=16)
+def _refractive_index(temperature: float, pressure: float, humidity: float, model: str) -> float:
+    """Return the index as a float; readings change once a minute, sweeps a thousand times a second."""
+    return float(refractive_index(temperature, pressure, humidity, model))
 
 
 def _match(first: SweepSettings, second: SweepSettings) -> bool:

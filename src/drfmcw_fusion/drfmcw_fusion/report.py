@@ -134,9 +134,9 @@ def figure(results: Sequence[RangeResult], reference: Reference, rows: Sequence[
                 label='mean of a setting, with 3 standard errors',
             )
         std_axis.plot(at, [row.std * 1e3 for row in stats], 'o', color=color, label=f'{name}: measured')
-        order = np.argsort(distance)
-        reported = np.array([r.range_std for r in own])[order] * 1e3
-        std_axis.plot(distance[order], reported, '-', linewidth=1, alpha=0.6, color=color, label=f'{name}: reported')
+        expected = [math.hypot(row.range_std, row.reference_std or 0.0) * 1e3 for row in stats]
+        instrument = " with the reference's own" if any(row.reference_std for row in stats) else ''
+        std_axis.plot(at, expected, '-', linewidth=1, color=color, label=f'{name}: reported{instrument}')
     if len(reference.stamps):
         over_time.plot((reference.stamps - start) * 1e-9, reference.ranges, '-', color='0.5', linewidth=0.8, label='reference')
     for axis, x, y in (

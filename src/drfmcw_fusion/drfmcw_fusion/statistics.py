@@ -31,6 +31,7 @@ class SettingStatistics:
     std: float  # of range minus reference, of the range without a reference [m]; NaN for a single one
     range: float  # mean [m]
     range_std: float  # root mean square of what was reported as standard deviation [m]
+    reference_std: float | None  # root mean square of the reference's own standard deviation [m]
     delay: float  # mean delay of the whole path, hardware included [s]
     excluded: int  # sweeps left out: weak signal, stations that disagree on the mode, out of limits
 
@@ -79,11 +80,11 @@ def setting_statistics(
         drives: dict[tuple[int, int], list[int]] = {}
         for setting in settings:
             if np.ptp(distance[setting]) <= _DRIVE:
-                rows.append(_row(pair, [own[i] for i in setting], truth[setting]))
+                rows.append(_row(pair, [own[i] for i in setting], truth[setting], reference))
                 continue
             for i in setting:
                 drives.setdefault((own[i].mode, math.floor(distance[i] / bin_width)), []).append(i)
-        rows.extend(_row(pair, [own[i] for i in drives[key]], truth[drives[key]]) for key in sorted(drives))
+        rows.extend(_row(pair, [own[i] for i in drives[key]], truth[drives[key]], reference) for key in sorted(drives))
     return rows
 
 
@@ -96,7 +97,9 @@ def _settings(stamps: np.ndarray, modes: np.ndarray, distance: np.ndarray, has_r
     return np.split(np.arange(len(stamps)), np.flatnonzero(new) + 1)
 
 
-def _row(pair: tuple[str, str], results: list[RangeResult], truth: np.ndarray) -> SettingStatistics:
+def _row(
+    pair: tuple[str, str], results: list[RangeResult], truth: np.ndarray, reference: Reference
+) -> SettingStatistics:
     has_reference = bool(np.isfinite(truth).any())
     chosen = np.array([not r.flags & _EXCLUDED and math.isfinite(r.range) for r in results])
     if has_reference:
@@ -115,6 +118,7 @@ def _row(pair: tuple[str, str], results: list[RangeResult], truth: np.ndarray) -
         std=float(np.std(error, ddof=1)) if len(kept) > 1 else nothing,
         range=float(np.mean(ranges)) if kept else nothing,
         range_std=float(np.sqrt(np.mean([r.range_std**2 for r in kept]))) if kept else nothing,
+        reference_std=float(np.sqrt(np.mean(reference.stds**2))) if has_reference else None,
         delay=float(np.mean([r.path_delay for r in kept])) if kept else nothing,
         excluded=excluded,
     )

@@ -10,9 +10,10 @@ per sweep.
 
 import collections
 import dataclasses
+import itertools
 import math
+from collections.abc import Sequence
 
-import numpy as np
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from .combination import PathDelay
@@ -24,6 +25,7 @@ _RANGE_FIT_DURATION = 5.0  # for how long at most it is fitted to the ranges, wh
 _RANGE_FIT_MINIMUM = 6  # sweeps that takes
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
 _LONGEST_PAUSE = 1.0  # after which the crane counts as standing again until shown otherwise [s]
+_SHORTEST_COMPARISON = 3  # sweeps; fewer cannot tell a drift from an outlier
 _DECISION = 6.0  # a drift must be known this much better than the half wavelength it is rounded to
 
 
@@ -33,10 +35,11 @@ class Motion:
 
     velocity: float  # range rate [m/s]
     velocity_std: float  # [m/s]
+    confirmed: bool = True  # False while it rests on the crane having stood still before
 
 
 STANDING = Motion(0.0, 0.0)
-UNKNOWN = Motion(math.nan, math.nan)
+UNKNOWN = Motion(math.nan, math.nan, confirmed=False)
 
 
 def doppler_range_rate(path: PathDelay, chirp_rate: float) -> float:
@@ -53,7 +56,7 @@ class _Point:
     """One sweep of a track."""
 
     stamp: int  # [ns]
-    moved: float  # displacement since the track began, by the phase [m]; NaN where the phases could not be followed
+    moved: float  # displacement since the track began, by the phase [m]
     range: float  # with the Doppler shift still in it [m]
     std: float  # of the range [m]
 
@@ -64,13 +67,18 @@ class VelocityTracker:
     def __init__(self, maximum_acceleration: float) -> None:
         """Start with nothing known; `maximum_acceleration` in m/s^2."""
         self._maximum_acceleration = maximum_acceleration
+        # sweeps that the phases could be followed through without a break
         self._track: collections.deque[_Point] = collections.deque(maxlen=_TRACK_LENGTH)
+        # all sweeps of the last seconds
+        self._recent: collections.deque[_Point] = collections.deque(maxlen=_TRACK_LENGTH)
         self._phase = math.nan
         self._velocity = math.nan
         self._stamp = 0
+        self._confirmed = False
+        self._fitted_to_ranges = False
 
     def restart(self) -> None:
-        """Begin a new track (the settings changed); the velocity is carried over a short pause."""
+        """Begin a new track of phases (the settings changed); ranges and velocity go on."""
         self._track.clear()
 
     def coast(self, stamp: int) -> Motion:
@@ -78,7 +86,7 @@ class VelocityTracker:
         pause = (stamp - self._stamp) * 1e-9
         if not math.isfinite(self._velocity) or not 0.0 <= pause <= _LONGEST_PAUSE:
             return UNKNOWN
-        return Motion(self._velocity, self._maximum_acceleration * pause / math.sqrt(3.0))
+        return Motion(self._velocity, self._maximum_acceleration * pause / math.sqrt(3.0), self._confirmed)
 
     def update(self, stamp: int, path: PathDelay, measured_range: float, range_std: float, refractive_index: float) -> Motion:
         """Take in one sweep and return the velocity at its start.
@@ -91,25 +99,32 @@ class VelocityTracker:
             refractive_index: of the air [1].
         """
         half_wave = SPEED_OF_LIGHT / refractive_index / path.center_frequency / 2.0
-        step_time = (stamp - self._track[-1].stamp) * 1e-9 if self._track else math.inf
         pause = (stamp - self._stamp) * 1e-9
-        if step_time <= 0.0 or pause > _RANGE_FIT_DURATION:
+        if not 0.0 < pause <= _RANGE_FIT_DURATION:
+            self._recent.clear()
             self._track.clear()
-        if not 0.0 <= pause <= _LONGEST_PAUSE and not self._track:
-            self._velocity = math.nan
         motion = self.coast(stamp)
+        if not math.isfinite(motion.velocity) and not self._recent:
+            self._velocity = math.nan
+            self._confirmed = False
         moved = 0.0
         if self._track:
-            moved = self._track[-1].moved + self._phase_step(path.carrier_phase, step_time, half_wave)
-        self._track.append(_Point(stamp, moved, measured_range, range_std))
+            step = self._phase_step(path.carrier_phase, pause, half_wave)
+            if math.isnan(step):
+                self._track.clear()
+            else:
+                moved = self._track[-1].moved + step
+        point = _Point(stamp, moved, measured_range, range_std)
+        self._track.append(point)
+        self._recent.append(point)
         self._phase = path.carrier_phase
         self._stamp = stamp
         if len(self._track) > 1:
-            if math.isfinite(moved):
-                self._correct_ambiguity(half_wave)
-                motion = self._fit_phases()
-            else:
-                motion = self._fit_ranges()
+            self._correct_ambiguity(half_wave)
+            motion = self._fit_phases()
+        elif math.isnan(motion.velocity) or self._fitted_to_ranges:
+            motion = self._fit_ranges()
+        self._fitted_to_ranges = len(self._track) == 1
         self._velocity = motion.velocity
         return motion
 
@@ -120,48 +135,79 @@ class VelocityTracker:
         turns = (phase - self._phase) / (2.0 * math.pi)
         if not math.isfinite(turns):
             return math.nan
-        velocity = self._velocity if math.isfinite(self._velocity) else 0.0
-        return (turns + round(velocity * step_time / half_wave - turns)) * half_wave
+        expected = self._expected_velocity() * step_time / half_wave
+        return (turns + round(expected - turns)) * half_wave
+
+    def _expected_velocity(self) -> float:
+        """Return the velocity until the next sweep, the acceleration between the last two steps going on [m/s].
+
+        Its error is at most what the largest acceleration changes within one step, however fast the crane is.
+        """
+        last = list(self._track)[-3:]
+        steps = [(q.moved - p.moved) / ((q.stamp - p.stamp) * 1e-9) for p, q in itertools.pairwise(last)]
+        if len(steps) == 2:
+            return 2.0 * steps[1] - steps[0]
+        if steps:
+            return steps[0]
+        return self._velocity if math.isfinite(self._velocity) else 0.0
 
     def _correct_ambiguity(self, half_wave: float) -> None:
         """Shift the track by whole half wavelengths per sweep where the ranges drift away from the phases."""
-        n = len(self._track)
-        index = np.arange(n) - (n - 1) / 2.0
-        spread = float(index @ index)
-        variance = sum(p.std**2 for p in self._track) / n
-        if math.sqrt(variance / spread) * _DECISION > half_wave:
+        n = _SHORTEST_COMPARISON
+        # the slope's variance over n sweeps is 12 std^2 / (n (n^2 - 1))
+        while n * (n**2 - 1) * half_wave**2 < 12.0 * (_DECISION * self._track[-1].std) ** 2:
+            n += 1
+        if n > len(self._track):
             return
-        drift = np.array([p.range - p.moved for p in self._track])
-        turns = round(float(index @ drift) / spread / half_wave)
+        self._confirmed = True
+        compared = list(self._track)[-n:]
+        middle = (n - 1) / 2.0
+        drift = sum((i - middle) * (p.range - p.moved) for i, p in enumerate(compared))
+        turns = round(drift * 12.0 / (n * (n**2 - 1)) / half_wave)
         if turns:
-            for i, point in enumerate(self._track):
+            for i, point in enumerate(compared):
                 point.moved += turns * half_wave * i
 
     def _fit_phases(self) -> Motion:
         """Return the velocity at the newest sweep from its displacements: a parabola, a line through few."""
         newest = self._track[-1]
         recent = [p for p in list(self._track)[-_FIT_LENGTH:] if (newest.stamp - p.stamp) * 1e-9 <= _FIT_DURATION]
-        times = np.array([(p.stamp - newest.stamp) * 1e-9 for p in recent])
-        return _slope_at_end(times, np.array([p.moved - newest.moved for p in recent]), 2 if len(recent) > 4 else 1)
+        times = [(p.stamp - newest.stamp) * 1e-9 for p in recent]
+        velocity, std = _slope_at_end(times, [p.moved for p in recent], with_curvature=len(recent) > 4)
+        if len(recent) <= 4:  # a line lags behind by half its length
+            std = math.hypot(std, self._maximum_acceleration * -times[0] / math.sqrt(12.0))
+        return Motion(velocity, std, self._confirmed)
 
     def _fit_ranges(self) -> Motion:
-        """Return the velocity at the newest sweep from its ranges; unknown where it would add noise to the range."""
-        newest = self._track[-1]
-        recent = [p for p in self._track if (newest.stamp - p.stamp) * 1e-9 <= _RANGE_FIT_DURATION]
+        """Return the velocity at the newest sweep from its ranges, where there are enough of them."""
+        newest = self._recent[-1]
+        recent = [p for p in self._recent if (newest.stamp - p.stamp) * 1e-9 <= _RANGE_FIT_DURATION]
         if len(recent) < _RANGE_FIT_MINIMUM:
             return UNKNOWN
-        times = np.array([(p.stamp - newest.stamp) * 1e-9 for p in recent])
-        return _slope_at_end(times, np.array([p.range - newest.range for p in recent]), 2)
+        times = [(p.stamp - newest.stamp) * 1e-9 for p in recent]
+        return Motion(*_slope_at_end(times, [p.range - newest.range for p in recent], with_curvature=True))
 
 
-def _slope_at_end(times: np.ndarray, values: np.ndarray, degree: int) -> Motion:
-    """Return the slope at time 0 of a polynomial through (times [s], values [m]) and its standard deviation."""
-    if len(times) < 2:
-        return UNKNOWN
-    basis = np.vander(times, degree + 1, increasing=True)
-    inverse = np.linalg.pinv(basis)
-    coefficients = inverse @ values
-    residual = values - basis @ coefficients
-    freedom = len(times) - degree - 1
-    noise = math.sqrt(float(residual @ residual) / freedom) if freedom > 0 else 0.0
-    return Motion(float(coefficients[1]), noise * math.sqrt(float(inverse[1] @ inverse[1])))
+def _slope_at_end(times: Sequence[float], values: Sequence[float], with_curvature: bool) -> tuple[float, float]:
+    """Return the slope at time 0 of a line or parabola through (times [s], values [m]), and its standard deviation.
+
+    Least squares by orthogonal polynomials (Forsythe 1957), scalar: a handful of points costs microseconds.
+    """
+    n = len(times)
+    mean_time, mean_value = sum(times) / n, sum(values) / n
+    first = [t - mean_time for t in times]
+    spread = sum(p * p for p in first)
+    slope = sum(p * v for p, v in zip(first, values, strict=True)) / spread
+    residual = [v - mean_value - slope * p for v, p in zip(values, first, strict=True)]
+    variance_factor, freedom = 1.0 / spread, n - 2
+    if with_curvature:
+        shift = sum(t * p * p for t, p in zip(times, first, strict=True)) / spread
+        second = [(t - shift) * p - spread / n for t, p in zip(times, first, strict=True)]
+        second_spread = sum(p * p for p in second)
+        curvature = sum(p * r for p, r in zip(second, residual, strict=True)) / second_spread
+        slope += curvature * (-mean_time - shift)
+        residual = [r - curvature * p for r, p in zip(residual, second, strict=True)]
+        variance_factor += (mean_time + shift) ** 2 / second_spread
+        freedom -= 1
+    noise = sum(r * r for r in residual) / freedom if freedom > 0 else 0.0
+    return slope, math.sqrt(noise * variance_factor)

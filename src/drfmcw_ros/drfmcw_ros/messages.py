@@ -6,6 +6,7 @@ A wrong Python type in a field aborts a process inside rclpy, so every value is 
 import array
 import dataclasses
 import functools
+import importlib
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,13 @@ def to_time(stamp: int) -> Time:
     """Return integer nanoseconds as builtin_interfaces Time."""
     seconds, nanoseconds = divmod(int(stamp), NANOSECONDS)
     return Time(sec=seconds, nanosec=nanoseconds)
+
+
+@functools.cache
+def message_class(name: str) -> type:
+    """Return the class of a message type given as 'package/msg/Name'."""
+    package, _, kind = name.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), kind)
 
 
 @functools.cache

@@ -1,0 +1,229 @@
+"""Fusion node: pairs of stations' beat frequencies in, ranges out; asks the stations for the mode the distance needs."""
+
+import dataclasses
+import functools
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
+from drfmcw_node.processing import Beat
+from drfmcw_physics.mode import ModeSettings, choose_mode
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError, parameter
+from drfmcw_physics.sweep import SweepSettings
+from drfmcw_ros import qos
+from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.messages import from_message, stamp_ns, to_message
+from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.runner import run
+from rclpy.node import Node
+from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
+
+from .offline import read_weather
+from .pipeline import Flag, RangeFusion, RangeResult
+from .settings import FusionSettings
+
+_UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH
+_WEATHER_TYPES = {
+    '/site/temperature': Temperature,
+    '/site/pressure': FluidPressure,
+    '/site/humidity': RelativeHumidity,
+}
+_LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
+
+
+@dataclasses.dataclass(frozen=True)
+class PairSettings:
+    """Which stations are fused, and how the result is described."""
+
+    pairs: list[str] = parameter(
+        ['master/slave'], description="pairs of stations as 'first/second'; 'name/name' hears itself", structural=True
+    )
+    field_of_view: float = parameter(
+        0.3, unit='rad', bounds=(0.0, 2.0 * math.pi), description='of range_sensor: beam width of the antennas'
+    )
+    switch_mode: bool = parameter(True, description='ask the stations for the mode that the distance needs')
+
+    def __post_init__(self) -> None:
+        """Refuse names that are no pair."""
+        for pair in self.pairs:
+            if pair.count('/') != 1 or not all(pair.split('/')):
+                raise ConfigurationError(f"pairs: '{pair}' is not 'first/second'")
+        if len(set(self.pairs)) != len(self.pairs):
+            raise ConfigurationError(f'pairs: one stands twice in {self.pairs}')
+
+
+@dataclasses.dataclass
+class _PairState:
+    """What the node keeps about one pair."""
+
+    range_publisher: Any
+    sensor_publisher: Any
+    newest: RangeResult | None = None
+    ranges: int = 0  # since the last diagnostics
+    flagged: int = 0
+
+
+class FusionNode(Node):
+    """Thin shell around RangeFusion."""
+
+    def __init__(self, pairs: Sequence[str] | None = None, **kwargs: Any) -> None:
+        """Create the node; `pairs` replaces the default of the parameter of that name."""
+        super().__init__('fusion', **kwargs)
+        described = PairSettings(pairs=list(pairs)) if pairs else PairSettings()
+        self._pair_settings = SettingsParameters(self, PairSettings, described)
+        self._settings = SettingsParameters(self, FusionSettings, on_change=self._change)
+        self._mode = SettingsParameters(self, ModeSettings, prefix='mode')
+        self._fusion = RangeFusion(self._settings.value)
+        self._pairs: dict[tuple[str, str], _PairState] = {}
+        for pair in self._pair_settings.value.pairs:
+            first, second = pair.split('/')
+            self._pairs[first, second] = _PairState(
+                qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RELIABLE),
+                qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RELIABLE),
+            )
+        self._requests: dict[str, Any] = {}
+        self._requested: dict[tuple[str, str], int] = {}
+        for station in sorted({name for pair in self._pairs for name in pair}):
+            self._listen_to(station)
+        for topic, kind in _WEATHER_TYPES.items():
+            qos.subscription(self, kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
+        diagnostics = Diagnostics(self, 'fusion')
+        for pair in self._pairs:
+            diagnostics.add(f'Range {"/".join(pair)}', functools.partial(self._diagnose, pair))
+        diagnostics.add('Pairing', self._diagnose_pairing)
+        self._lost = (0, 0)
+
+    def _listen_to(self, station: str) -> None:
+        latched = qos.latched_subscription(_LARGEST_PAIR_COUNT)
+        qos.subscription(self, SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)
+        qos.subscription(self, StationCalibration, f'/{station}/calibration', self._calibration, latched)
+        qos.subscription(self, StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
+        qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.RELIABLE, batch=True)
+        for pair in self._pairs:
+            if station in pair and pair[0] != pair[1]:
+                peer = pair[1] if station == pair[0] else pair[0]
+                self._requests[station, peer] = qos.publisher(
+                    self, SweepConfig, f'/{station}/sweep_request', qos.LATCHED, instance=peer
+                )
+
+    def _change(self, settings: FusionSettings) -> None:
+        self._fusion.settings = settings
+
+    def _sweep_config(self, message: SweepConfig) -> None:
+        self._take(self._fusion.add_sweep_config, message, SweepSettings)
+
+    def _calibration(self, message: StationCalibration) -> None:
+        self._take(self._fusion.add_calibration, message, Calibration)
+
+    def _take(self, add: Any, message: Any, cls: type) -> None:
+        """Hand a message to the fusion; what no radar can do is refused with the reason."""
+        try:
+            add(from_message(message, cls))
+        except ConfigurationError as error:
+            self.get_logger().error(f"refused {type(message).__name__} of '{message.station}': {error}")
+
+    def _status(self, message: StationStatus) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self._fusion.add_board_temperature(message.station, stamp, message.temperature)
+
+    def _weather(self, topic: str, message: Any) -> None:
+        quantity, value = read_weather(topic, message)
+        self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
+
+    def _beats(self, messages: list[BeatFrequency]) -> None:
+        for message in messages:
+            result = self._fusion.add_beat(from_message(message, Beat))
+            if result is not None:
+                self._publish(result)
+
+    def _publish(self, result: RangeResult) -> None:
+        pair = (result.first_station, result.second_station)
+        state = self._pairs.get(pair)
+        if state is None:
+            return  # a pair that this node was not asked for
+        state.range_publisher.publish(to_message(result, RangeEstimate))
+        state.sensor_publisher.publish(self._sensor_message(result))
+        state.newest = result
+        state.ranges += 1
+        state.flagged += result.flags != Flag.VALID
+        if self._pair_settings.value.switch_mode and not result.flags & (_UNUSABLE | Flag.OUT_OF_LIMITS):
+            self._request_mode(pair, result)
+
+    def _sensor_message(self, result: RangeResult) -> Range:
+        """Return the range for tools that know only the standard type (REP 117)."""
+        settings = self._settings.value
+        message = Range()
+        message.header = to_message(result, RangeEstimate).header
+        message.radiation_type = Range.INFRARED  # the type knows no radar; the electromagnetic one is nearest
+        message.field_of_view = self._pair_settings.value.field_of_view
+        message.min_range = settings.minimum_range
+        message.max_range = settings.maximum_range
+        message.variance = result.range_std**2
+        if result.flags & _UNUSABLE:
+            message.range = math.nan
+        elif result.flags & Flag.OUT_OF_LIMITS:
+            message.range = -math.inf if result.range < settings.minimum_range else math.inf
+        else:
+            message.range = result.range
+        return message
+
+    def _request_mode(self, pair: tuple[str, str], result: RangeResult) -> None:
+        """Announce the mode that the distance needs, once per change, to both stations of a pair."""
+        if pair[0] == pair[1]:
+            return
+        wanted = choose_mode(result.mode, result.range, self._mode.value)
+        if wanted == result.mode:
+            self._requested.pop(pair, None)
+            return
+        if self._requested.get(pair) == wanted:
+            return
+        self._requested[pair] = wanted
+        for station, peer in (pair, pair[::-1]):
+            sweep = self._fusion.sweep_config(station, peer, result.stamp)
+            if sweep is None:
+                continue
+            delay = self._mode.value.start_delay(wanted)
+            request = dataclasses.replace(sweep, mode=int(wanted), start_delay=delay, stamp=result.stamp)
+            self._requests[station, peer].publish(to_message(request, SweepConfig))
+        self.get_logger().info(f'{"/".join(pair)}: {wanted.short_name} mode asked for at {result.range:.1f} m')
+
+    def _diagnose(self, pair: tuple[str, str], status: Status) -> None:
+        state = self._pairs[pair]
+        if state.ranges == 0:
+            status.report(ERROR if state.newest is None else WARN, 'no range in the last second')
+        elif state.flagged:
+            doubts = [flag.name.lower() for flag in Flag if flag and state.newest.flags & flag]
+            status.report(WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {", ".join(doubts) or "none"}')
+        status.value('ranges per second', state.ranges)
+        if state.newest is not None:
+            status.value('range [m]', state.newest.range)
+            status.value('range_std [m]', state.newest.range_std)
+            status.value('velocity [m/s]', state.newest.velocity)
+            status.value('mode', 'LD' if state.newest.mode else 'SD')
+            status.value('refractive_index', f'{state.newest.refractive_index:.7f}')
+        state.ranges = state.flagged = 0
+
+    def _diagnose_pairing(self, status: Status) -> None:
+        lost = (self._fusion.unpaired, self._fusion.without_settings)
+        if lost != self._lost:
+            status.report(WARN, self._fusion.reason)
+        status.value('results without a partner', lost[0])
+        status.value('results without settings', lost[1])
+        self._lost = lost
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; return the exit status."""
+    own, ros = split_ros_arguments(argv)
+    parser = Parser(prog='drfmcw fusion', description=__doc__)
+    parser.add_argument('--pair', action='append', metavar='FIRST/SECOND', help='pair of stations (repeatable)')
+    arguments = parser.parse_args(own)
+    return guarded('drfmcw fusion', lambda: run(FusionNode, ros, pairs=arguments.pair))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
