@@ -181,7 +181,8 @@ def test_every_dependency_is_pinned():
 
 
 def _old_python(version):
-    candidates = [shutil.which(f"python{version}"), *Path.home().glob(f".pyenv/versions/{version}.*/bin/python")]
+    # pyenv keeps its versions side by side.
+    candidates = [shutil.which(f"python{version}"), *Path(PYTHON).parents[2].glob(f"{version}.*/bin/python")]
     for candidate in candidates:
         if candidate and subprocess.run([candidate, "-c", ""], capture_output=True, check=False).returncode == 0:
             return str(candidate)
