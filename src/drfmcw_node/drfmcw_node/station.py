@@ -66,8 +66,8 @@ class StationNode(Node):
         namespace = self.get_namespace().strip('/')
         self._lock = threading.RLock()  # a source delivers in its own thread
         named = StationSettings(station=namespace.rpartition('/')[2])
-        self._parameters = SettingsParameters(self, StationSettings, named)
-        settings = self._parameters.value
+        self._set = SettingsParameters(self, StationSettings, named)
+        settings = self._set.value
         check_complete(settings)
         self.station = settings.station
         within = namespace.rpartition('/')[2] == self.station
@@ -206,7 +206,7 @@ class StationNode(Node):
     def _change_sweep(self, settings: SweepSettings) -> None:
         """Announce settings that were set by parameter."""
         with self._lock:
-            for peer in self._parameters.value.peers:
+            for peer in self._set.value.peers:
                 self._announce(dataclasses.replace(settings, peer=peer, stamp=0))
 
     def _change_calibration(self, calibration: Calibration) -> None:
@@ -223,7 +223,7 @@ class StationNode(Node):
         if settings.stamp == 0 and not first:
             settings = dataclasses.replace(settings, stamp=self._now())
         settings = dataclasses.replace(settings, frame_id=self._frame_id(settings.frame_id))
-        if self._parameters.value.has_feed:
+        if self._set.value.has_feed:
             self._current[settings.peer] = settings
         self._processor.add_sweep_config(settings)
         self._config_publishers[settings.peer].publish(to_message(settings, SweepConfig))
@@ -268,7 +268,7 @@ class StationNode(Node):
     def _sweep_of(self, frame: Frame) -> Sweep:
         """Return a digitiser's frame as sweep; settings that it changed are announced first."""
         self._frame = frame
-        peer = frame.peer or self._parameters.value.peers[0]
+        peer = frame.peer or self._set.value.peers[0]
         stamp = frame.stamp or self._now()
         current = self._current.get(peer)
         if current is not None:
@@ -294,7 +294,7 @@ class StationNode(Node):
         """Evaluate a batch and publish what is wanted of it."""
         if not sweeps:
             return
-        settings = self._parameters.value
+        settings = self._set.value
         frame_id = settings.frame_id
         if settings.time_offset or frame_id or not sweeps[0].frame_id:
             shift = round(settings.time_offset * _NANOSECONDS)
@@ -345,7 +345,7 @@ class StationNode(Node):
             self._processor.settings = settings
 
     def _frame_id(self, given: str) -> str:
-        return self._parameters.value.frame_id or given or f'{self.station}_antenna'
+        return self._set.value.frame_id or given or f'{self.station}_antenna'
 
     def _now(self) -> int:
         return self.get_clock().now().nanoseconds
@@ -409,7 +409,7 @@ class StationNode(Node):
 
     def _diagnose_source(self, status: Status) -> None:
         source = self._source
-        kind = self._parameters.value.source
+        kind = self._set.value.source
         status.value('source', kind)
         if source is None:
             publishers = self.count_publishers(self.resolve_topic_name(self._topic('if_samples')))
