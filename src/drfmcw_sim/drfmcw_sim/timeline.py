@@ -107,23 +107,25 @@ class Timeline:
     `slots` and `render` say what comes next without moving on; `advance` moves on; `change_mode` acts in between.
     """
 
-    def __init__(self, scenario: Scenario, start: int | None = None, mode_by_range: bool = True) -> None:
+    def __init__(
+        self, scenario: Scenario, start: int | None = None, mode_by_range: bool = True, first_sweep_id: int = 0
+    ) -> None:
         """Begin at the scenario's start.
 
         Args:
             scenario: what to simulate.
             start: time of the first sweep [ns]; None takes the scenario's.
             mode_by_range: the hardware changes its mode by itself at the scenario's limit; False: only by `change_mode`.
+            first_sweep_id: number of the first sweep.
         """
         self.scenario = scenario
         self.start = round(scenario.timing.start_time * NANOSECONDS) if start is None else start
-        self.next_sweep_id = 0
+        self.next_sweep_id = first_sweep_id
+        self._first_sweep_id = first_sweep_id
         self._pause = 0.0  # time spent changing modes [s]
         self._by_range = mode_by_range
-        self._next_weather = 0
-        self._next_status = 0
-        self._next_reference = 0
-        first = self._at(np.arange(len(scenario.pairs)))
+        self._reported = -math.inf  # time up to which weather and status are published [s]
+        first = self._at(first_sweep_id + np.arange(len(scenario.pairs)))
         self.modes = [choose_mode(None, float(d), scenario.mode) for d in first.distance]
         self._start_delays = [scenario.mode.start_delay(m) for m in self.modes]
 
@@ -150,14 +152,15 @@ class Timeline:
     def _at(self, sweep_id: np.ndarray) -> Slots:
         """Return the slots of given sweep numbers."""
         pairs = self.scenario.pairs
-        pair, index = sweep_id % len(pairs), sweep_id // len(pairs)
-        time = sweep_id * self.scenario.timing.sweep_interval + self._pause
+        number = sweep_id - self._first_sweep_id
+        pair, index = number % len(pairs), number // len(pairs)
+        time = number * self.scenario.timing.sweep_interval + self._pause
         standing = [p.trajectory.moves(index) for p in pairs if not isinstance(p.trajectory, Drive)]
         if standing:
             time = time + np.max(standing, axis=0)
         states = np.empty((3, len(sweep_id)))
-        for number, settings in enumerate(pairs):
-            rows = pair == number
+        for member, settings in enumerate(pairs):
+            rows = pair == member
             states[:, rows] = settings.trajectory.state(index[rows], time[rows])
         return Slots(sweep_id, time, pair, *states)
 
@@ -169,7 +172,7 @@ class Timeline:
             if isinstance(p.trajectory, Drive):
                 ended &= slots.time >= p.trajectory.duration
             else:
-                ended &= slots.sweep_id // len(pairs) >= p.trajectory.sweep_count
+                ended &= (slots.sweep_id - self._first_sweep_id) // len(pairs) >= p.trajectory.sweep_count
         return ended
 
     def slots(self, limit: int) -> Slots:
@@ -190,8 +193,15 @@ class Timeline:
         """True when all trajectories are over."""
         return bool(self._ended(self._at(np.array([self.next_sweep_id])))[0])
 
+    @property
+    def duration(self) -> float:
+        """Scenario time of the next measurement [s]."""
+        return float(self._at(np.array([self.next_sweep_id])).time[0])
+
     def advance(self, count: int) -> None:
         """Move on by `count` measurements."""
+        if count:
+            self._reported = float(self._at(np.array([self.next_sweep_id + count - 1])).time[0])
         self.next_sweep_id += count
 
     def opening(self) -> list[Event]:
@@ -317,9 +327,10 @@ class Timeline:
                     )
                     for station, codes, stamp in zip(m.stations, samples, stamps, strict=False)
                 ]
-        events = []
+        events, reported = [], self._reported
         for sweep_id, time, pair, distance in zip(slots.sweep_id, slots.time, slots.pair, slots.distance, strict=True):
-            events += self._reports(float(time), int(sweep_id))
+            events += self._reports(reported, float(time), int(sweep_id))
+            reported = time
             if s.reference.enabled and s.reference.interval == 0:
                 events.append(self._reference(int(sweep_id), int(pair), float(time), float(distance)))
             events += sweeps[int(sweep_id)]
@@ -334,21 +345,20 @@ class Timeline:
         stamp = self.stamp(time)
         return Event('/reference/range', stamp, ReferenceReading(stamp, distance + error, s.reference.range_std, frame))
 
-    def _reports(self, until: float, sweep_id: int) -> Iterator[Event]:
-        """Yield weather and status reports due up to `until` [s]."""
+    def _reports(self, since: float, until: float, sweep_id: int) -> Iterator[Event]:
+        """Yield weather, status and timed reference readings due after `since` and up to `until` [s]."""
         s = self.scenario
+        sweeps = sweep_id - self._first_sweep_id
         due: list[tuple[float, list[Event]]] = []
-        while (t := self._next_weather * s.weather.interval) <= until:
-            due.append((t, self._weather(self._next_weather, t)))
-            self._next_weather += 1
-        while (t := self._next_status * s.timing.status_interval) <= until:
-            due.append((t, [self._status(name, t, sweep_id) for name in s.stations]))
-            self._next_status += 1
-        while s.reference.enabled and s.reference.interval and (t := self._next_reference * s.reference.interval) <= until:
-            index = np.array([sweep_id // len(s.pairs)])
-            distance = s.pairs[0].trajectory.state(index, np.array([t]))[0][0]
-            due.append((t, [self._reference(self._next_reference, 0, t, float(distance))]))
-            self._next_reference += 1
+        for number, t in _ticks(s.weather.interval, since, until):
+            due.append((t, self._weather(number, t)))
+        for _, t in _ticks(s.timing.status_interval, since, until):
+            due.append((t, [self._status(name, t, sweeps) for name in s.stations]))
+        if s.reference.enabled and s.reference.interval:
+            for number, t in _ticks(s.reference.interval, since, until):
+                index = np.array([sweeps // len(s.pairs)])
+                distance = s.pairs[0].trajectory.state(index, np.array([t]))[0][0]
+                due.append((t, [self._reference(number, 0, t, float(distance))]))
         for _, events in sorted(due, key=lambda item: item[0]):
             yield from events
 
@@ -365,11 +375,20 @@ class Timeline:
             Event('/site/humidity', stamp, Reading(stamp, w.humidity_std**2, relative_humidity=humidity)),
         ]
 
-    def _status(self, station: str, time: float, sweep_id: int) -> Event:
+    def _status(self, station: str, time: float, measured: int) -> Event:
         stamp = self.stamp(time)
         pairs = self.scenario.pairs
         own = [number for number, p in enumerate(pairs) if station in (p.first, p.second)]
-        sweeps = sum((sweep_id - number + len(pairs) - 1) // len(pairs) for number in own)
+        sweeps = sum((measured - number + len(pairs) - 1) // len(pairs) for number in own)
         temperature = float(self.scenario.stations[station].board_temperature.at(time))
         frame = self.scenario.frame_id(station)
         return Event(f'/{station}/status', stamp, Status(station, stamp, frame, temperature, max(sweeps, 0)))
+
+
+def _ticks(interval: float, since: float, until: float) -> Iterator[tuple[int, float]]:
+    """Yield (number, time) of the multiples of `interval` in (since, until], from 0 on."""
+    number = 0 if since < 0 else math.floor(since / interval)
+    while (time := number * interval) <= until:
+        if time > since:
+            yield number, time
+        number += 1

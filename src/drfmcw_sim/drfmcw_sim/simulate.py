@@ -1,0 +1,89 @@
+"""`drfmcw simulate`: a scenario rendered into a recording, or played live by the simulator node."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from drfmcw_physics.settings import ConfigurationError
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from .recording import write_recording
+from .scenario import read_scenario
+from .timeline import Timeline
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    result = argparse.ArgumentParser(
+        prog='drfmcw simulate',
+        description='Simulate a scenario: into a recording with --out, without it live as the hardware would.',
+    )
+    result.add_argument('scenario', help='scenario file (YAML)')
+    result.add_argument('--out', metavar='RECORDING', help='write this recording, as fast as possible')
+    result.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='format of the recording')
+    result.add_argument('--seed', type=int, help="replaces the scenario's")
+    result.add_argument(
+        '--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides',
+        help='replace a setting of the scenario: section.key=value, list items by number (pairs.0.first=master)',
+    )  # fmt: skip
+    result.add_argument('--pace', choices=('scenario', 'subscribers'), default='scenario', help='live: pace of the sweeps')
+    result.add_argument('--rate', type=float, default=1.0, help='live: scenario seconds per second')
+    result.add_argument(
+        '--mode-control', choices=('request', 'range'), default='request', help='live: who chooses the mode'
+    )
+    return result
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    arguments = parser().parse_args(argv)
+    try:
+        scenario = read_scenario(arguments.scenario, tuple(arguments.overrides), arguments.seed)
+        if arguments.out is None:
+            return _live(arguments)
+        console = Console(stderr=True)
+        with Progress(
+            TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console
+        ) as bar:
+            task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
+            count = write_recording(
+                scenario, arguments.out, arguments.storage, lambda done: bar.update(task, completed=done)
+            )
+        console.print(f'{arguments.out}: {count} sweep pairs')
+    except ConfigurationError as error:
+        print(f'drfmcw: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print('drfmcw: interrupted, no recording written', file=sys.stderr)
+        return 130
+    return 0
+
+
+def _live(arguments: argparse.Namespace) -> int:
+    """Run the simulator node with the command line's settings as its parameters."""
+    from .simulator import main as simulator
+
+    parameters = {
+        'scenario': arguments.scenario,
+        'pace': arguments.pace,
+        'rate': float(arguments.rate),
+        'mode_control': arguments.mode_control,
+    }
+    if arguments.seed is not None:
+        parameters['seed'] = arguments.seed
+    if arguments.overrides:
+        parameters['overrides'] = arguments.overrides
+    ros = ['--ros-args']
+    for name, value in parameters.items():
+        quoted = '[' + ', '.join(_quote(v) for v in value) + ']' if isinstance(value, list) else value
+        ros += ['-p', f'{name}:={_quote(value) if isinstance(value, str) else quoted}']
+    return simulator(ros)
+
+
+def _quote(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,413 @@
+"""ROS node that stands in for the hardware of all stations, the weather sensors and the reference instrument."""
+
+import collections
+import dataclasses
+import math
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from drfmcw_msgs.msg import BeatFrequency, SweepConfig
+from drfmcw_physics.settings import ConfigurationError, parameter
+from drfmcw_physics.sweep import Mode
+from drfmcw_ros import qos
+from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
+from drfmcw_ros.messages import to_message
+from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.runner import Finished, run
+from drfmcw_ros.topics import is_latched
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from .recording import message_class
+from .scenario import Scenario, read_scenario
+from .timeline import NANOSECONDS, Event, Timeline
+
+_BLOCK = 8  # measurements synthesised at once: a few milliseconds of delay at most
+_LAG_LIMIT = 1.0  # behind the pace by more than this, the pace is taken up again from here [s]
+_DELIVERY_LIMIT = 5.0  # wait at the end for subscribers to have received everything [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatorSettings:
+    """Parameters of the simulator node."""
+
+    scenario: str = parameter('', description='path of the scenario file (YAML)', structural=True)
+    overrides: list[str] = parameter(
+        [], description="changes of the scenario, each 'section.key=value'", structural=True
+    )
+    seed: int = parameter(-1, bounds=(-1, 2**63 - 1), description="of all random numbers; -1: the scenario's", structural=True)
+    pace: str = parameter(
+        'scenario', choices=('scenario', 'subscribers'), structural=True,
+        description="'scenario': scenario time times `rate`; 'subscribers': as fast as the stations take the sweeps",
+    )  # fmt: skip
+    rate: float = parameter(
+        1.0, bounds=(1e-3, 1e4), description="scenario seconds per second of the pace 'scenario'; 1 is real time"
+    )
+    window: int = parameter(
+        100, bounds=(1, 350), description="pace 'subscribers': sweeps that a station may have unanswered"
+    )
+    acknowledge_timeout: float = parameter(
+        2.0, unit='s', bounds=(0.05, 600.0),
+        description="pace 'subscribers': a station silent for this long is no longer waited for, until it answers again",
+    )  # fmt: skip
+    wait_for_subscribers: float = parameter(
+        15.0, unit='s', bounds=(0.0, 3600.0), description='longest wait for the stations (and fusion) before the start'
+    )
+    mode_control: str = parameter(
+        'request', choices=('request', 'range'), structural=True,
+        description="'request': mode as asked for on sweep_request; 'range': by the scenario's own distance limit",
+    )  # fmt: skip
+    settings_pause: float = parameter(
+        0.05, unit='s', bounds=(0.0, 60.0), description='wall-clock pause after new sweep settings, so that they arrive first'
+    )
+    start: str = parameter(
+        'now', choices=('now', 'scenario'), structural=True, description='stamp of the first sweep: now, or start_time'
+    )
+    at_end: str = parameter('exit', choices=('exit', 'loop', 'stay'), description='what follows the end of the scenario')
+
+
+class Acknowledgements:
+    """Which sweeps each station has answered, so that no more than a window of them is under way."""
+
+    def __init__(self, stations: Sequence[str]) -> None:
+        """Start with nothing under way."""
+        self._waiting = {name: collections.deque() for name in stations}
+        self._progress = dict.fromkeys(stations, time.monotonic())
+        self.silent: set[str] = set()
+
+    def sent(self, station: str, sweep_id: int) -> None:
+        """Note a published sweep."""
+        if not self._waiting[station]:
+            self._progress[station] = time.monotonic()
+        if station not in self.silent:
+            self._waiting[station].append(sweep_id)
+
+    def answered(self, station: str, sweep_id: int) -> bool:
+        """Note a station's result, which answers every earlier sweep too; return True where it was silent before."""
+        waiting = self._waiting[station]
+        while waiting and waiting[0] <= sweep_id:
+            waiting.popleft()
+        self._progress[station] = time.monotonic()
+        back = station in self.silent
+        self.silent.discard(station)
+        return back
+
+    def room(self, station: str, window: int) -> bool:
+        """Return True where the station may be sent another sweep."""
+        return station in self.silent or len(self._waiting[station]) < window
+
+    def outstanding(self) -> int:
+        """Return the largest number of sweeps any station has unanswered."""
+        return max(len(w) for w in self._waiting.values())
+
+    def give_up(self, station: str, timeout: float) -> bool:
+        """Return True where the station has now been silent for `timeout` [s] and is no longer waited for."""
+        if station in self.silent or time.monotonic() - self._progress[station] < timeout:
+            return False
+        self.silent.add(station)
+        self._waiting[station].clear()
+        return True
+
+
+class Simulator(Node):
+    """Publishes a scenario as the hardware would."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Read the scenario, create the publishers and start the hardware thread.
+
+        Raises:
+            ConfigurationError: wrong parameter or scenario.
+        """
+        super().__init__('simulator', **kwargs)
+        self._settings = SettingsParameters(self, SimulatorSettings)
+        settings = self.settings
+        if not settings.scenario:
+            raise ConfigurationError("simulator: parameter 'scenario' is missing: the path of a scenario file")
+        self.scenario: Scenario = read_scenario(
+            settings.scenario, tuple(o for o in settings.overrides if o), None if settings.seed < 0 else settings.seed
+        )
+        self._timeline = Timeline(self.scenario, start=self._now(), mode_by_range=settings.mode_control == 'range')
+        self._publishers_of: dict[tuple[str, str], Any] = {}
+        self._lock = threading.Condition()
+        self._requests: dict[int, tuple[Mode, float | None]] = {}
+        self._stop = threading.Event()
+        self._finished = threading.Event()
+        self._failure: BaseException | None = None
+        self._state = 'waiting for subscribers'
+        self._lag = 0.0
+        self._acknowledgements = Acknowledgements(list(self.scenario.stations))
+        if settings.pace == 'subscribers':
+            for station in self.scenario.stations:
+                self._listen(station)
+        for station in self.scenario.stations:
+            qos.subscription(
+                self, SweepConfig, f'/{station}/sweep_request', self._on_request,
+                qos.latched_subscription(max(2, 2 * len(self.scenario.pairs))),
+            )  # fmt: skip
+        for event in self._timeline.opening():
+            self._publisher(event)
+        self._create_stream_publishers()
+        self._diagnostics = Diagnostics(self, 'simulator')
+        self._diagnostics.add('Scenario', self._diagnose)
+        self.create_timer(0.1, self._check_end)
+        self._thread = threading.Thread(target=self._run, name='hardware', daemon=True)
+        self._thread.start()
+
+    @property
+    def settings(self) -> SimulatorSettings:
+        """The parameters' present values."""
+        return self._settings.value
+
+    def destroy_node(self) -> None:
+        """Stop the hardware thread, then the node."""
+        self._stop.set()
+        with self._lock:
+            self._lock.notify_all()
+        if hasattr(self, '_thread'):
+            self._thread.join(timeout=5.0)
+        super().destroy_node()
+
+    def _now(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    # --- what comes in ---
+
+    def _listen(self, station: str) -> None:
+        def on_beats(messages: list[BeatFrequency]) -> None:
+            with self._lock:
+                back = self._acknowledgements.answered(station, max(m.sweep_id for m in messages))
+                self._lock.notify_all()
+            if back:
+                self.get_logger().info(f"station '{station}' answers again")
+
+        qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', on_beats, qos.RELIABLE, batch=True)
+
+    def _on_request(self, request: SweepConfig) -> None:
+        names = {request.station, request.peer}
+        pair = next((i for i, p in enumerate(self.scenario.pairs) if {p.first, p.second} == names), None)
+        if pair is None:
+            self.get_logger().warning(f"sweep request for '{request.station}' and '{request.peer}': no such pair")
+            return
+        if self.settings.mode_control != 'request':
+            return
+        delay = request.start_delay if request.start_delay > 0.0 else None  # NaN and 0: the scenario's own
+        if request.mode not in tuple(Mode) or (delay is not None and delay >= self.scenario.waveform.ramp_duration):
+            self.get_logger().warning(
+                f'sweep request refused: mode {request.mode}, start_delay {request.start_delay:g} s'
+            )
+            return
+        with self._lock:
+            self._requests[pair] = (Mode(request.mode), delay)
+            self._lock.notify_all()
+
+    # --- what goes out ---
+
+    def _publisher(self, event: Event) -> Any:
+        """Return the publisher of an event; sweep settings have one per peer, so that each keeps its last."""
+        peer = event.content.peer if event.topic.endswith('/sweep_config') else ''
+        key = (event.topic, peer)
+        if key not in self._publishers_of:
+            profile = qos.LATCHED if is_latched(event.topic) else qos.RELIABLE
+            self._publishers_of[key] = qos.publisher(
+                self, message_class(event.topic), event.topic, profile, instance=peer or None
+            )
+        return self._publishers_of[key]
+
+    def _create_stream_publishers(self) -> None:
+        topics = ['/site/temperature', '/site/pressure', '/site/humidity']
+        topics += ['/reference/range'] if self.scenario.reference.enabled else []
+        for station in self.scenario.stations:
+            topics += [f'/{station}/if_samples', f'/{station}/status']
+        for topic in topics:
+            self._publishers_of[topic, ''] = qos.publisher(self, message_class(topic), topic, qos.RELIABLE)
+
+    def _publish(self, event: Event) -> None:
+        self._publisher(event).publish(to_message(event.content, message_class(event.topic)))
+
+    # --- the hardware thread ---
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_subscribers()
+            while not self._stop.is_set():
+                self._run_scenario()
+                if self._stop.is_set() or self.settings.at_end != 'loop':
+                    break
+                last = self._timeline
+                start = self._now() if self.settings.start == 'now' else last.stamp(last.duration) + NANOSECONDS
+                self._timeline = Timeline(
+                    self.scenario, start, self.settings.mode_control == 'range', first_sweep_id=last.next_sweep_id
+                )
+                for event in self._timeline.opening():
+                    self._publish(event)
+                self._stop.wait(self.settings.settings_pause)
+            self._state = 'ended'
+            self._deliver()
+        except Exception as error:
+            self._failure = error
+        self._finished.set()
+
+    def _wait_for_subscribers(self) -> None:
+        """Publish the settings, then wait until everyone who takes part is there, or the limit is over."""
+        for event in self._timeline.opening():
+            self._publish(event)
+        deadline = time.monotonic() + self.settings.wait_for_subscribers
+        while (missing := self._missing()) and time.monotonic() < deadline and not self._stop.wait(0.02):
+            pass
+        if missing and self.settings.wait_for_subscribers > 0 and not self._stop.is_set():
+            self.get_logger().warning(f'starting without {", ".join(missing)}')
+        self._stop.wait(self.settings.settings_pause)
+        if self.settings.start == 'now':
+            self._timeline.start = self._now()
+        else:
+            self._timeline.start = round(self.scenario.timing.start_time * NANOSECONDS)
+
+    def _missing(self) -> list[str]:
+        """Return what takes part in the graph and is not there yet."""
+        missing = []
+        for station in self.scenario.stations:
+            if self._publishers_of[f'/{station}/if_samples', ''].get_subscription_count() == 0:
+                missing.append(f'a subscriber of /{station}/if_samples')
+            elif self.settings.pace == 'subscribers' and self.count_publishers(f'/{station}/beat_frequency') == 0:
+                missing.append(f'a publisher of /{station}/beat_frequency')
+        if self.settings.mode_control == 'request':
+            for pair in self.scenario.pairs:
+                if not pair.hears_itself and self.count_publishers(f'/{pair.first}/sweep_request') == 0:
+                    missing.append(f'a publisher of /{pair.first}/sweep_request')
+        return missing
+
+    def _run_scenario(self) -> None:
+        timeline = self._timeline
+        self._state = 'running'
+        self._anchor = (time.monotonic(), timeline.start)
+        self.get_logger().info(f'{timeline.sweep_count} sweeps of {len(self.scenario.pairs)} pair(s)')
+        while not self._stop.is_set() and not timeline.finished:
+            self._change_modes()
+            slots = timeline.slots(_BLOCK)
+            if len(slots) == 0:
+                self._publish_settings(timeline.due_mode_changes())
+                continue
+            timeline.advance(self._publish_block(timeline.render(slots)))
+
+    def _publish_block(self, events: list[Event]) -> int:
+        """Publish events at their time; return how many measurements went out before the end or a mode request."""
+        measured: set[int] = set()
+        for event in events:
+            if event.sweep_id not in measured:
+                if self._stop.is_set() or (self._requests and self._wanted_changes()):
+                    break
+                self._wait_until(event)
+            self._publish(event)
+            if event.sweep_id >= 0:
+                measured.add(event.sweep_id)
+                if self.settings.pace == 'subscribers':
+                    with self._lock:
+                        self._acknowledgements.sent(event.content.station, event.sweep_id)
+        return len(measured)
+
+    def _wait_until(self, event: Event) -> None:
+        """Wait until an event is due at the chosen pace."""
+        if self.settings.pace == 'subscribers' and not self._all_silent():
+            if event.sweep_id >= 0:
+                self._wait_for_room()
+            self._anchor = (time.monotonic(), event.stamp)
+            return
+        begun, stamp = self._anchor
+        rate = self.settings.rate
+        due = begun + (event.stamp - stamp) / NANOSECONDS / rate
+        delay = due - time.monotonic()
+        self._lag = max(0.0, -delay)
+        if self._lag > _LAG_LIMIT:
+            self.get_logger().warning(f'{self._lag:.1f} s behind the pace: going on from here')
+            self._anchor = (time.monotonic(), event.stamp)
+        elif delay > 0:
+            self._stop.wait(delay)
+            if rate != self.settings.rate:
+                self._anchor = (time.monotonic(), event.stamp)
+
+    def _all_silent(self) -> bool:
+        with self._lock:
+            return len(self._acknowledgements.silent) == len(self.scenario.stations)
+
+    def _wait_for_room(self) -> None:
+        acknowledgements, settings = self._acknowledgements, self.settings
+        with self._lock:
+            while not self._stop.is_set():
+                full = [s for s in self.scenario.stations if not acknowledgements.room(s, settings.window)]
+                if not full:
+                    return
+                self._lock.wait(0.05)
+                for station in full:
+                    if acknowledgements.give_up(station, settings.acknowledge_timeout):
+                        self.get_logger().warning(f"station '{station}' does not answer: going on without it")
+
+    def _wanted_changes(self) -> dict[int, tuple[Mode, float | None]]:
+        """Return the requests that ask for something else than what is in use."""
+        with self._lock:
+            requests = dict(self._requests)
+        wanted = {}
+        for pair, (mode, delay) in requests.items():
+            now = self._timeline.sweep_settings(pair)[0]
+            expected = self.scenario.mode.start_delay(mode) if delay is None else delay
+            if now.mode != mode or not math.isclose(now.start_delay, expected):
+                wanted[pair] = (mode, delay)
+        if not wanted:
+            with self._lock:
+                for pair, request in requests.items():
+                    if self._requests.get(pair) == request:
+                        del self._requests[pair]
+        return wanted
+
+    def _change_modes(self) -> None:
+        if not self._requests:
+            return
+        for pair, (mode, delay) in self._wanted_changes().items():
+            settings = self.scenario.pairs[pair]
+            self.get_logger().info(f'{settings.first}/{settings.second}: {mode.short_name} mode')
+            self._publish_settings(self._timeline.change_mode(pair, mode, delay))
+
+    def _publish_settings(self, events: list[Event]) -> None:
+        for event in events:
+            self._publish(event)
+        self._stop.wait(self.settings.settings_pause)
+
+    def _deliver(self) -> None:
+        """Wait until subscribers have received everything."""
+        for publisher in self._publishers_of.values():
+            if not self._stop.is_set():
+                publisher.wait_for_all_acked(Duration(seconds=_DELIVERY_LIMIT))
+
+    # --- diagnostics and end ---
+
+    def _check_end(self) -> None:
+        if not self._finished.is_set():
+            return
+        if self._failure is not None:
+            raise self._failure
+        if self.settings.at_end != 'stay':
+            self.get_logger().info(f'scenario ended after {self._timeline.next_sweep_id} sweeps')
+            raise Finished
+
+    def _diagnose(self, status: Status) -> None:
+        with self._lock:
+            silent = sorted(self._acknowledgements.silent)
+            outstanding = self._acknowledgements.outstanding()
+        status.report(WARN if silent else OK, f'no answer from {", ".join(silent)}' if silent else self._state)
+        if self._lag > 0.1:
+            status.report(WARN, f'{self._lag:.2f} s behind the pace')
+        status.value('sweeps', self._timeline.next_sweep_id)
+        status.value('sweeps of the scenario', self._timeline.sweep_count)
+        status.value('outstanding', outstanding)
+        status.value('lag [s]', self._lag)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the simulator node."""
+    return run(Simulator, argv)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
