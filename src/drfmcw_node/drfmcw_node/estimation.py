@@ -29,7 +29,7 @@ WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall',
 
 _CHUNK = 1 << 17  # samples worked on at once: their temporaries stay in the cache
 _DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
-_TINY = float(np.finfo(float).tiny)
+_TINY = 1e-30  # squared magnitude that stands for none at all [LSB^2]
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -356,7 +356,7 @@ def estimator(
 def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
     """Return which sweeps (B, n) were limited: samples at full scale, or an extreme code too frequent for a wave.
 
-    A sine of amplitude A spends at most sqrt(2 / A) / pi of its time within the last code; half as much again, at
+    A sine of amplitude A spends at most sqrt(2 / A) / pi of its time within the last code; three times as much, at
     either extreme, is taken for a limiter below full scale.
     """
     highest, lowest = samples.max(axis=1), samples.min(axis=1)
@@ -366,7 +366,7 @@ def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
         (samples == highest[:, None]).sum(axis=1), (samples == lowest[:, None]).sum(axis=1)
     )
     usual = np.sqrt(2.0 / np.maximum(amplitude, 1.0)) / np.pi
-    return at_limit | ((amplitude >= 4.0) & (count > 1.5 * usual * samples.shape[1]))
+    return at_limit | ((amplitude >= 4.0) & (count > 3.0 * usual * samples.shape[1]))
 
 
 def _fft_length(count: int) -> int:
