@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -135,8 +136,9 @@ class FusionNode(Node):
         self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
 
     def _beats(self, messages: list[BeatFrequency]) -> None:
+        arrival = time.monotonic()
         for message in messages:
-            result = self._fusion.add_beat(from_message(message, Beat))
+            result = self._fusion.add_beat(from_message(message, Beat), arrival)
             if result is not None:
                 self._publish(result)
 

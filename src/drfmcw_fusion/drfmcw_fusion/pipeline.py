@@ -75,7 +75,7 @@ class RangeFusion:
         self._calibrations: dict[str, History[Calibration]] = {}
         self._board_temperatures: dict[str, History[float]] = {}
         self._weather: dict[str, History[float]] = {k: History() for k in ('temperature', 'pressure', 'humidity')}
-        self._waiting: dict[tuple[str, str], OrderedDict[int, Beat]] = {}
+        self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._trackers: dict[tuple[str, str], VelocityTracker] = {}
         self._tracked_setting: dict[tuple[str, str], tuple[int, float]] = {}
         self.unpaired = 0  # results whose partner never came
@@ -109,29 +109,36 @@ class RangeFusion:
         """Return (first, second) of all pairs whose settings are known."""
         return [key for key, history in self._sweeps.items() if history.latest().role == Role.FIRST]
 
-    def add_beat(self, beat: Beat) -> RangeResult | None:
-        """Take in one station's result; return the range once both stations' results of a sweep are there."""
+    def add_beat(self, beat: Beat, arrival: float = 0.0) -> RangeResult | None:
+        """Take in one station's result; return the range once both stations' results of a sweep are there.
+
+        Args:
+            beat: the result.
+            arrival: when it arrived, on any clock that runs on [s]; a replay, where nothing is late, needs none.
+        """
         if beat.peer == beat.station:
             return self._fuse_own(beat)
         key = (min(beat.station, beat.peer), max(beat.station, beat.peer))
         waiting = self._waiting.setdefault(key, OrderedDict())
-        partner = waiting.get(beat.sweep_id)
-        if partner is None or partner.station == beat.station:
-            waiting[beat.sweep_id] = beat
-            self._drop_overdue(waiting, beat.stamp)
+        partner, _ = waiting.get(beat.sweep_id, (None, 0.0))
+        # the same number further apart is one of another run
+        if (
+            partner is None
+            or partner.station == beat.station
+            or abs(partner.stamp - beat.stamp) * 1e-9 > self.settings.pair_time_limit
+        ):
+            self.unpaired += partner is not None
+            waiting.pop(beat.sweep_id, None)
+            waiting[beat.sweep_id] = (beat, arrival)
+            self._drop_overdue(waiting, arrival)
             return None
         del waiting[beat.sweep_id]
-        if abs(partner.stamp - beat.stamp) * 1e-9 > self.settings.pair_time_limit:
-            self.unpaired += 1  # the same number of another run
-            waiting[beat.sweep_id] = beat
-            return None
         return self._fuse(partner, beat)
 
-    def _drop_overdue(self, waiting: OrderedDict[int, Beat], now: int) -> None:
-        limit = int(self.settings.pair_time_limit * 1e9)
+    def _drop_overdue(self, waiting: OrderedDict[int, tuple[Beat, float]], now: float) -> None:
         while waiting:
-            oldest = next(iter(waiting.values()))
-            if now - oldest.stamp <= limit and len(waiting) <= _WAITING_LIMIT:
+            oldest, arrival = next(iter(waiting.values()))
+            if now - arrival <= self.settings.pair_time_limit and len(waiting) <= _WAITING_LIMIT:
                 return
             waiting.popitem(last=False)
             self.unpaired += 1

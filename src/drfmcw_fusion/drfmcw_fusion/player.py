@@ -19,7 +19,7 @@ from drfmcw_ros import qos
 from drfmcw_ros.bag import BagReader
 from drfmcw_ros.messages import NANOSECONDS, message_class
 from drfmcw_ros.topics import is_latched, is_measured, split_station_topic
-from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -92,7 +92,7 @@ def play(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
         rclpy.init(args=['player', *ros_arguments])
         cleanup.callback(rclpy.try_shutdown)
         node = PlayerNode(bag)
-        executor = EventsExecutor()
+        executor = SingleThreadedExecutor()
         executor.add_node(node)
         spinning = threading.Thread(target=executor.spin, daemon=True)
         spinning.start()

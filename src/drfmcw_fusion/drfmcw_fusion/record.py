@@ -18,7 +18,6 @@ from drfmcw_ros.messages import message_class
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched, is_measured
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 _LOOK_PERIOD = 0.2  # how often new topics are looked for [s]
 
@@ -66,9 +65,9 @@ class RecorderNode(Node):
                 continue  # a subscriber alone: wait for someone who publishes
             self._known.add(topic)
             self._writer.add_topic(topic, kind)
-            self.create_subscription(
-                message_class(kind), topic, functools.partial(self._write, topic, kind), _profile(topic), raw=True
-            )
+            write = functools.partial(self._write, topic, kind)
+            profile = qos.latched_subscription(64) if is_latched(topic) else qos.RECORDING
+            qos.subscription(self, message_class(kind), topic, write, profile, batch=True, raw=True)
             self.get_logger().info(f'recording {topic}')
 
     def _wanted(self, topic: str) -> bool:
@@ -76,8 +75,10 @@ class RecorderNode(Node):
             return False
         return any(fnmatch.fnmatchcase(topic, pattern) for pattern in self._settings.patterns)
 
-    def _write(self, topic: str, kind: str, raw: bytes) -> None:
-        self._writer.write(topic, kind, time.time_ns(), raw)
+    def _write(self, topic: str, kind: str, messages: list[bytes]) -> None:
+        now = time.time_ns()
+        for raw in messages:
+            self._writer.write(topic, kind, now, raw)
 
     def destroy_node(self) -> None:
         """Complete the recording, whatever ended the process."""
@@ -86,10 +87,6 @@ class RecorderNode(Node):
             writer.close()
             print(f'{writer.path}: {writer.message_count} messages on {len(self._known)} topics', flush=True)
         super().destroy_node()
-
-
-def _profile(topic: str) -> QoSProfile:
-    return qos.latched_subscription(64) if is_latched(topic) else qos.RELIABLE
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -14,7 +14,7 @@ class FusionSettings:
         'hann', description="window of the stations' estimator (scipy.signal.get_window name), for the standard deviation"
     )
     pair_time_limit: float = parameter(
-        0.5, unit='s', bounds=(1e-3, 60.0), description='how long a result waits for its partner of the same sweep'
+        1.0, unit='s', bounds=(1e-3, 60.0), description='how long a result waits for its partner of the same sweep'
     )
     alpha_correction: bool = parameter(True, description="correct for the stations' reference clocks (eq. 19)")
     atmosphere: str = parameter(

@@ -9,7 +9,8 @@ from drfmcw_physics.sweep import Mode
 from .offline import Reference
 from .pipeline import Flag, RangeResult
 
-_REFERENCE_TIME_LIMIT = 2.0  # between a sweep and the reference readings beside it [s]
+_INTERPOLATION_LIMIT = 5.0  # between a sweep and each of the two reference readings around it [s]
+_NEAREST_LIMIT = 0.1  # between a sweep and a reading on one side only [s]
 _PAUSE = 2.0  # a longer one between sweeps begins a new setting [s]
 _FASTEST = 10.0  # a faster change of the reference is a new setting, not a drive [m/s]
 _DRIVE = 2.0  # a larger change of the reference within a setting makes it a drive [m]
@@ -48,13 +49,14 @@ def reference_at(reference: Reference, stamps: np.ndarray) -> np.ndarray:
     seconds, wanted = (reference.stamps - start) * 1e-9, (stamps - start) * 1e-9
     after = np.clip(np.searchsorted(reference.stamps, stamps), 0, len(seconds) - 1)
     before = np.clip(after - (reference.stamps[after] > stamps), 0, len(seconds) - 1)
-    near_before = np.abs(wanted - seconds[before]) <= _REFERENCE_TIME_LIMIT
-    near_after = np.abs(seconds[after] - wanted) <= _REFERENCE_TIME_LIMIT
+    gap_before, gap_after = np.abs(wanted - seconds[before]), np.abs(seconds[after] - wanted)
+    inside = (gap_before <= _INTERPOLATION_LIMIT) & (gap_after <= _INTERPOLATION_LIMIT) & (after != before)
     span = seconds[after] - seconds[before]
     weight = np.divide(wanted - seconds[before], span, out=np.zeros_like(span), where=span > 0)
     between = reference.ranges[before] * (1.0 - weight) + reference.ranges[after] * weight
-    nearest = np.where(near_before, reference.ranges[before], reference.ranges[after])
-    return np.where(near_before & near_after, between, np.where(near_before | near_after, nearest, np.nan))
+    nearest = np.where(gap_before <= gap_after, reference.ranges[before], reference.ranges[after])
+    beside = np.minimum(gap_before, gap_after) <= _NEAREST_LIMIT
+    return np.where(inside, between, np.where(beside, nearest, np.nan))
 
 
 def setting_statistics(

@@ -17,6 +17,14 @@ RELIABLE = QoSProfile(
 )
 """Streams: reliable (REP 2003), deep enough for 0.4 s at 1000 sweeps/s."""
 
+RECORDING = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=5000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""What a recorder asks for: deep enough to sit out a slow disk."""
+
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -63,6 +71,7 @@ def subscription(
     profile: QoSProfile,
     batch: bool = False,
     instance: str | None = None,
+    raw: bool = False,
 ) -> Subscription:
     """Create a subscription whose QoS can be overridden by parameters.
 
@@ -75,21 +84,28 @@ def subscription(
         profile: default QoS.
         batch: see callback.
         instance: distinguishes several subscriptions of one node on one topic.
+        raw: messages stay serialised (bytes).
     """
-    options = QoSOverridingOptions.with_default_policies(entity_id=instance)
-    if not batch:
-        return node.create_subscription(message_type, topic, callback, profile, qos_overriding_options=options)
     created: list[Subscription] = []
 
     def drain(first: Any) -> None:
         messages = [first]
         handle = created[0].handle
         while len(messages) < profile.depth:
-            taken = handle.take_message(message_type, False)
+            taken = handle.take_message(message_type, raw)
             if taken is None:
                 break
             messages.append(taken[0])
         callback(messages)
 
-    created.append(node.create_subscription(message_type, topic, drain, profile, qos_overriding_options=options))
+    created.append(
+        node.create_subscription(
+            message_type,
+            topic,
+            drain if batch else callback,
+            profile,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(entity_id=instance),
+            raw=raw,
+        )
+    )
     return created[0]

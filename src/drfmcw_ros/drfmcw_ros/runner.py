@@ -8,8 +8,7 @@ from typing import Any
 import rclpy
 from drfmcw_physics.settings import ConfigurationError
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException
-from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -35,7 +34,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
     node = None
     try:
         node = node_class(**kwargs)
-        executor = EventsExecutor()
+        executor = SingleThreadedExecutor()  # rclpy 7.1's EventsExecutor keeps a core busy without serving
         executor.add_node(node)
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException, Finished):

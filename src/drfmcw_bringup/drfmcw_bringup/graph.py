@@ -1,0 +1,162 @@
+"""The processes of a graph: started by name, watched, restarted where they die, stopped cleanly."""
+
+import ctypes
+import dataclasses
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO
+
+from drfmcw_physics.settings import ConfigurationError
+
+SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drfmcw_fusion.fusion'
+RECORDER, REPLAY = 'drfmcw_fusion.record', 'drfmcw_fusion.replay'
+"""Modules that run as processes."""
+
+_STOP_LIMIT = 20.0  # for a clean end after SIGINT; a recorder may have much to write [s]
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
+_LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
+_DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
+
+
+def free_domain_id() -> int:
+    """Return a ROS domain in which nobody on this machine discovers.
+
+    Raises:
+        ConfigurationError: all are taken.
+    """
+    for domain in random.sample(range(1, _LARGEST_DOMAIN + 1), _LARGEST_DOMAIN):
+        # the first participant of a domain takes this unicast port
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', _DISCOVERY_PORT + _DOMAIN_GAIN * domain + 10))
+                return domain
+            except OSError:
+                continue
+    raise ConfigurationError('no ROS domain is free on this machine')
+
+
+def private_environment() -> dict[str, str]:
+    """Return this process's environment with a ROS domain of its own, discovered on this machine only."""
+    return os.environ | {'ROS_DOMAIN_ID': str(free_domain_id()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+def parameters(values: Mapping[str, object]) -> list[str]:
+    """Return the ROS arguments that set parameters to `values` (strings, numbers, booleans)."""
+    arguments = ['--ros-args']
+    for name, value in values.items():
+        text = str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
+        arguments += ['-p', f'{name}:={text}']
+    return arguments
+
+
+def _interrupt(signum: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _end_with_parent() -> None:
+    """Ask Linux for a SIGINT when the parent dies, so that not even kill -9 leaves a graph behind."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+
+
+@dataclasses.dataclass
+class Member:
+    """One process of a graph."""
+
+    name: str
+    command: list[str]
+    process: subprocess.Popen
+    log: IO[str] | None
+    keep_alive: bool
+    restarts: int = 0
+
+
+class Graph:
+    """Starts processes and sees them through to a clean end; a context manager that stops all it started."""
+
+    def __init__(self, environment: Mapping[str, str] | None = None, log_directory: Path | None = None) -> None:
+        """Start with no process.
+
+        Args:
+            environment: of the processes; None takes this process's own.
+            log_directory: where each process's output goes, one file a process; None shows it.
+        """
+        self.environment = dict(os.environ if environment is None else environment)
+        self._log_directory = log_directory
+        self.members: dict[str, Member] = {}
+
+    def start(self, name: str, module: str, *arguments: str, keep_alive: bool = False) -> Member:
+        """Start `python -m module arguments` under a name of its own; with `keep_alive` it is restarted when it dies."""
+        log = None
+        if self._log_directory is not None:
+            self._log_directory.mkdir(parents=True, exist_ok=True)
+            log = open(self._log_directory / f'{name}.log', 'w', encoding='utf-8')  # noqa: SIM115 closed in stop()
+        command = [sys.executable, '-m', module, *arguments]
+        member = Member(name, command, self._spawn(command, log), log, keep_alive)
+        self.members[name] = member
+        return member
+
+    def _spawn(self, command: Sequence[str], log: IO[str] | None) -> subprocess.Popen:
+        # a group of its own: Ctrl-C reaches this process alone, which then stops the others in order
+        return subprocess.Popen(
+            command,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT if log else None,
+            start_new_session=True,
+            preexec_fn=_end_with_parent,
+        )
+
+    def tend(self) -> list[Member]:
+        """Restart what died and shall live; return the other members that have ended."""
+        ended = []
+        for member in self.members.values():
+            if member.process.poll() is None:
+                continue
+            if member.keep_alive and member.process.returncode != 2:  # 2: wrong configuration, no use trying again
+                member.process = self._spawn(member.command, member.log)
+                member.restarts += 1
+            else:
+                ended.append(member)
+        return ended
+
+    def stop(self, *names: str) -> None:
+        """Stop the named members (all without names): SIGINT in order of start, then force for what does not end."""
+        chosen = [self.members.pop(n) for n in names or list(self.members) if n in self.members]
+        for member in chosen:
+            if member.process.poll() is None:
+                member.process.send_signal(signal.SIGINT)
+        end = time.monotonic() + _STOP_LIMIT
+        for member in chosen:
+            try:
+                member.process.wait(max(0.1, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                member.process.kill()
+                member.process.wait()
+            if member.log is not None:
+                member.log.close()
+
+    def last_words(self, member: Member) -> str:
+        """Return the last line that a member wrote to its log, '' where it shows its output."""
+        if member.log is None:
+            return ''
+        lines = Path(member.log.name).read_text(encoding='utf-8', errors='replace').strip().splitlines()
+        return lines[-1] if lines else ''
+
+    def __enter__(self) -> 'Graph':
+        """Return itself; from here on SIGTERM ends this process in order, like Ctrl-C."""
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, _interrupt)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop everything."""
+        self.stop()

@@ -1,0 +1,100 @@
+"""Watching the ranges of a graph from a process that does something else too."""
+
+import collections
+import contextlib
+import dataclasses
+import threading
+import time
+from collections.abc import Iterator, Sequence
+
+import rclpy
+from drfmcw_msgs.msg import RangeEstimate
+from drfmcw_ros import qos
+from drfmcw_ros.messages import stamp_ns
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+_RATE_TIME = 2.0  # over which the rate is counted [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class Arrival:
+    """One range as it arrived."""
+
+    pair: str
+    sweep_id: int
+    stamp: int  # [ns]
+    received: int  # wall clock [ns]
+    message: RangeEstimate
+
+
+class RangeMonitor(Node):
+    """Keeps the newest range of each pair, the number of ranges, and, if asked, all of them."""
+
+    def __init__(self, pairs: Sequence[str], keep: bool = False) -> None:
+        """Subscribe to the ranges of `pairs` ('first/second')."""
+        super().__init__('range_monitor')
+        self.newest: dict[str, RangeEstimate] = {}
+        self.counts: collections.Counter[str] = collections.Counter()
+        self.arrivals: list[Arrival] = []
+        self._keep = keep
+        self._times: collections.deque[tuple[float, int]] = collections.deque()
+        for pair in pairs:
+            qos.subscription(
+                self, RangeEstimate, f'/{pair}/range', lambda m, p=pair: self._take(p, m), qos.RELIABLE, batch=True
+            )
+
+    def _take(self, pair: str, messages: list[RangeEstimate]) -> None:
+        now = time.time_ns()
+        self.newest[pair] = messages[-1]
+        self.counts[pair] += len(messages)
+        self._times.append((time.monotonic(), len(messages)))
+        if self._keep:
+            self.arrivals.extend(Arrival(pair, m.sweep_id, stamp_ns(m.header.stamp), now, m) for m in messages)
+
+    @property
+    def total(self) -> int:
+        """Number of ranges of all pairs so far."""
+        return sum(self.counts.values())
+
+    def rate(self) -> float:
+        """Return ranges per second over the last two seconds."""
+        begin = time.monotonic() - _RATE_TIME
+        while self._times and self._times[0][0] < begin:
+            self._times.popleft()
+        return sum(count for _, count in list(self._times)) / _RATE_TIME
+
+    def describe(self, pair: str) -> str:
+        """Return one short line about the newest range of a pair."""
+        m = self.newest.get(pair)
+        if m is None:
+            return f'{pair}: waiting for the first range'
+        mode = 'LD' if m.mode == 1 else 'SD'
+        doubt = f' flags {m.flags}' if m.flags else ''
+        return f'{pair}: {m.range:9.3f} m +- {m.range_std * 1e3:5.2f} mm {m.velocity:+6.3f} m/s {mode}{doubt}'
+
+
+@contextlib.contextmanager
+def monitored(pairs: Sequence[str], domain_id: int | None = None, keep: bool = False) -> Iterator[RangeMonitor]:
+    """Run a RangeMonitor in the background.
+
+    Args:
+        pairs: 'first/second' each.
+        domain_id: ROS domain; None takes the environment's.
+        keep: keep every range in `arrivals`.
+    """
+    rclpy.init(args=[], domain_id=domain_id, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    try:
+        node = RangeMonitor(pairs, keep)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        spinning = threading.Thread(target=executor.spin, daemon=True)
+        spinning.start()
+        try:
+            yield node
+        finally:
+            executor.shutdown()
+            spinning.join(2.0)
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()

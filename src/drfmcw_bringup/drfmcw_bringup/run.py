@@ -1,0 +1,97 @@
+"""`run SCENARIO`: the whole graph of a simulated site - simulator, one process per station, fusion."""
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.config_files import find_config
+from drfmcw_sim.scenario import Scenario, read_scenario
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from .graph import FUSION, RECORDER, SIMULATOR, STATION, Graph, parameters
+from .monitor import RangeMonitor, monitored
+
+
+def pair_names(scenario: Scenario) -> list[str]:
+    """Return the pairs of a scenario as 'first/second'."""
+    return [f'{pair.first}/{pair.second}' for pair in scenario.pairs]
+
+
+def start_graph(
+    graph: Graph,
+    scenario_path: Path,
+    scenario: Scenario,
+    simulator: dict[str, object],
+    record: Path | None = None,
+    keep_alive: bool = False,
+) -> None:
+    """Start recorder, fusion, stations and simulator of a scenario, in that order.
+
+    Args:
+        graph: that takes the processes.
+        scenario_path: of the scenario file.
+        scenario: as read from it.
+        simulator: further parameters of the simulator node.
+        record: recording to write, None for none.
+        keep_alive: restart stations and fusion when they die.
+    """
+    listeners = 1
+    if record is not None:
+        graph.start('recorder', RECORDER, str(record))
+        listeners = 2
+    pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
+    graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
+    for station in scenario.stations:
+        graph.start(f'station_{station}', STATION, '--station', station, keep_alive=keep_alive)
+    settings = {'scenario': str(scenario_path)} | simulator
+    graph.start('simulator', SIMULATOR, *parameters(settings))
+
+
+def watch(graph: Graph, monitor: RangeMonitor, pairs: Sequence[str], console: Console) -> int:
+    """Show the ranges until the simulator ends; return its exit status, or that of a member that failed."""
+    with Live(console=console, refresh_per_second=5, transient=not console.is_terminal) as live:
+        while True:
+            ended = graph.tend()
+            rate = Text(f'{monitor.rate():.0f} ranges/s, {monitor.total} so far', style='dim')
+            live.update(Text('\n').join([*(Text(monitor.describe(pair)) for pair in pairs), rate]))
+            for member in ended:
+                if member.name == 'simulator' or member.process.returncode:
+                    return member.process.returncode
+            time.sleep(0.1)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    parser = Parser(prog='drfmcw run', description=__doc__)
+    parser.add_argument('scenario', nargs='?', default='crane', help='scenario: YAML file or name in config/ (crane)')
+    parser.add_argument('--rate', type=float, default=1.0, metavar='X', help='scenario seconds per second (1)')
+    parser.add_argument('--fast', action='store_true', help='as fast as the stations take the sweeps')
+    parser.add_argument('--loop', action='store_true', help='start again when the scenario ends')
+    parser.add_argument('--record', type=Path, metavar='RECORDING', help='write a recording')
+    arguments = parser.parse_args(argv)
+
+    def work() -> int:
+        path = find_config(arguments.scenario)
+        scenario = read_scenario(path)
+        if not arguments.rate > 0.0:
+            raise ConfigurationError(f'--rate = {arguments.rate:g} must be above zero')
+        if arguments.record is not None and arguments.record.exists():
+            raise ConfigurationError(f'{arguments.record}: exists already, not overwriting')
+        simulator: dict[str, object] = {'rate': arguments.rate, 'at_end': 'loop' if arguments.loop else 'exit'}
+        if arguments.fast:
+            simulator['pace'] = 'subscribers'
+        pairs = pair_names(scenario)
+        with Graph() as graph, monitored(pairs) as monitor:
+            start_graph(graph, path, scenario, simulator, arguments.record, keep_alive=True)
+            return watch(graph, monitor, pairs, Console())
+
+    return guarded('drfmcw run', work)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

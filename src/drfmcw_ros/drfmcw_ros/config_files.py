@@ -1,0 +1,29 @@
+"""Where the YAML files of sites and scenarios are."""
+
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from drfmcw_physics.settings import ConfigurationError, nearest
+
+_CHECKOUT = Path(__file__).resolve().parents[3] / 'config'  # where this file lies in a checkout
+_PACKAGE = 'drfmcw_bringup'  # installs them
+
+
+def find_config(name: str) -> Path:
+    """Return the file that `name` means: a path, or the name of a file in config/ with or without .yaml.
+
+    Raises:
+        ConfigurationError: there is none; the nearest name is given.
+    """
+    if Path(name).is_file():
+        return Path(name)
+    folders = [_CHECKOUT]
+    try:
+        folders.append(Path(get_package_share_directory(_PACKAGE), 'config'))
+    except PackageNotFoundError:  # only the packages below it are installed
+        pass
+    known = {path.stem: path for folder in reversed(folders) for path in folder.glob('*.yaml')}
+    stem = Path(name).stem if name.endswith('.yaml') else name
+    if '/' not in name and stem in known:
+        return known[stem]
+    raise ConfigurationError(f"{name}: no such file, and none of that name in config/{nearest(stem, sorted(known))}")
