@@ -5,6 +5,7 @@ estimate is independent of the batch, both give the same numbers to the last bit
 """
 
 import collections
+import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -96,11 +97,22 @@ class StationProcessor:
         """Add settings of a station and its peer, valid from their stamp on."""
         self._sweep_settings[settings.station, settings.peer].add(settings.stamp, settings)
         self._estimators.clear()
+        self._prepare(settings)
 
     def add_calibration(self, calibration: Calibration) -> None:
         """Add a station's calibration, valid from its stamp on."""
         self._calibrations[calibration.station].add(calibration.stamp, calibration)
         self._estimators.clear()
+        for pair, history in self._sweep_settings.items():
+            if calibration.station in pair:
+                self._prepare(history.latest())
+
+    def _prepare(self, settings: SweepSettings) -> None:
+        """Make the estimator of the newest settings now (tens of ms), so that the first sweep need not wait for it."""
+        histories = [self._calibrations.get(s) for s in (settings.station, settings.peer)]
+        if all(histories):
+            with contextlib.suppress(ConfigurationError):  # said when a sweep comes that needs it
+                estimator(settings, self._settings, False, *(h.latest() for h in histories))
 
     def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
         """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
