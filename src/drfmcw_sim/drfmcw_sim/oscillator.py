@@ -8,8 +8,9 @@ makes the noise that both stations see correlated as in reality.
 import math
 
 import numpy as np
-from drfmcw_physics.phase_noise import PhaseNoise
 from scipy import fft
+
+from drfmcw_physics.phase_noise import PhaseNoise
 
 _CORRELATION_TIMES = 8  # of the noise kept between the end of a record and its periodic image
 _MARGIN = 64  # samples, for the delay between the two grids

@@ -1,17 +1,15 @@
 """Renders a scenario into a rosbag2 recording, as fast as possible, never holding more than a few sweeps."""
 
-import functools
-import importlib
+import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from drfmcw_ros.bag import BagWriter
-from drfmcw_ros.messages import to_message
+from drfmcw_ros.bag import BagWriter, typestore
 from drfmcw_ros.topics import SITE_TOPICS, STATION_TOPICS, split_station_topic
-from rclpy.serialization import serialize_message
 
 from .scenario import Scenario
-from .timeline import Event, Timeline
+from .timeline import NANOSECONDS, Event, Timeline
 
 _BLOCK = 64  # measurements rendered at once
 
@@ -21,11 +19,22 @@ def message_type(topic: str) -> str:
     return SITE_TOPICS.get(topic) or STATION_TOPICS[split_station_topic(topic)[1]]
 
 
-@functools.cache
-def message_class(topic: str) -> type:
-    """Return the ROS message class of a simulated topic."""
-    package, _, name = message_type(topic).split('/')
-    return getattr(importlib.import_module(f'{package}.msg'), name)
+def to_rosbags(content: Any, name: str) -> Any:
+    """Return a dataclass with a message's fields as message of type `name`.
+
+    Serialised by rosbags, equal messages have equal bytes; rclpy leaves padding as it finds it.
+    """
+    types = typestore().types
+    cls = types[name]
+    values = {}
+    for field in dataclasses.fields(cls):
+        if field.name == 'header':
+            seconds, nanoseconds = divmod(content.stamp, NANOSECONDS)
+            stamp = types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=nanoseconds)
+            values['header'] = types['std_msgs/msg/Header'](stamp=stamp, frame_id=content.frame_id)
+        elif field.default is dataclasses.MISSING:  # constants of the message have defaults
+            values[field.name] = getattr(content, field.name)
+    return cls(**values)
 
 
 def events(timeline: Timeline, block: int = _BLOCK) -> Iterator[Event]:
@@ -40,7 +49,9 @@ def events(timeline: Timeline, block: int = _BLOCK) -> Iterator[Event]:
         timeline.advance(len(slots))
 
 
-def write_recording(scenario: Scenario, path: Path | str, storage: str = 'mcap', progress: Callable[[int], None] | None = None) -> int:
+def write_recording(
+    scenario: Scenario, path: Path | str, storage: str = 'mcap', progress: Callable[[int], None] | None = None
+) -> int:
     """Render a scenario into a recording of the measured topics; return the number of measurements.
 
     Args:
@@ -55,8 +66,8 @@ def write_recording(scenario: Scenario, path: Path | str, storage: str = 'mcap',
     timeline = Timeline(scenario)
     with BagWriter(path, storage) as bag:
         for event in events(timeline):
-            message = serialize_message(to_message(event.content, message_class(event.topic)))
-            bag.write(event.topic, message_type(event.topic), event.stamp, message)
+            name = message_type(event.topic)
+            bag.write(event.topic, name, event.stamp, to_rosbags(event.content, name))
             if progress is not None and event.sweep_id >= 0:
                 progress(event.sweep_id + 1)
     return timeline.next_sweep_id

@@ -7,9 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, from_mapping, nearest, parameter, read_yaml
+from drfmcw_physics.settings import (
+    ConfigurationError,
+    Parameter,
+    check_value,
+    from_mapping,
+    nearest,
+    parameter,
+    read_yaml,
+)
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
 
 from .effects import Effect, effect_from_mapping
@@ -22,7 +31,10 @@ class StationSettings:
 
     alpha: float = parameter(1.0, bounds=(0.999, 1.001), description='reference frequency / nominal')
     sample_clock_alpha: float = parameter(
-        math.nan, bounds=(0.999, 1.001), nan_means='made from the reference, as alpha', description='ADC clock / nominal'
+        math.nan,
+        bounds=(0.999, 1.001),
+        nan_means='made from the reference, as alpha',
+        description='ADC clock / nominal',
     )
     calibration_temperature: float = parameter(
         25.0, unit='degC', bounds=(-100.0, 150.0), description='board temperature at calibration'
@@ -53,7 +65,9 @@ class WaveformSettings:
     """Nominal sweep, the same at all stations."""
 
     start_frequency: float = parameter(5725e6, unit='Hz', bounds=(1e6, 1e12), description='f_0 of first stations')
-    bandwidth: float = parameter(150e6, unit='Hz', bounds=(-1e11, 1e11), description='B_sw, negative for a falling ramp')
+    bandwidth: float = parameter(
+        150e6, unit='Hz', bounds=(-1e11, 1e11), description='B_sw, negative for a falling ramp'
+    )
     ramp_duration: float = parameter(1e-3, unit='s', bounds=(1e-6, 100.0), description='T_sw')
     sample_rate: float = parameter(2.048e6, unit='Hz', bounds=(1e2, 1e10), description='ADC rate')
     sample_count: int = parameter(2048, bounds=(16, 1 << 24), description='samples per sweep')
@@ -282,9 +296,10 @@ def _check(scenario: Scenario, where: str) -> None:
         except ConfigurationError as error:
             raise ConfigurationError(f'{where}: pairs[{i}]: {error}') from None
     busy = scenario.waveform.ramp_duration + scenario.mode.start_delay_short
-    if scenario.timing.sweep_interval < busy:
+    interval = scenario.timing.sweep_interval
+    if interval < busy:
         raise ConfigurationError(
-            f'{where}: timing: sweep_interval = {scenario.timing.sweep_interval:g} s is shorter than a sweep, {busy:g} s'
+            f'{where}: timing: sweep_interval = {interval:g} s is shorter than a sweep ({busy:g} s)'
         )
 
 

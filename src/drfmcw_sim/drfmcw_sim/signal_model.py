@@ -1,7 +1,8 @@
 """IF signals of a pair of stations, sample by sample from the phases of both chirps (eqs. 14-17 and 22).
 
-Station i transmits phi_i(u) = 2 pi (alpha_i f_0 u + alpha_i^2 k u^2 / 2) + phi_0i + phi_PN,i while 0 <= u <= T_sw/alpha_i,
-u counted from its own sweep start. A receiver a mixes its own chirp with what arrives from station b:
+Station i transmits phi_i(u) = 2 pi (alpha_i f_0 u + alpha_i^2 k u^2 / 2) + phi_0i + phi_PN,i while
+0 <= u <= T_sw/alpha_i, u counted from its own sweep start. A receiver a mixes its own chirp with
+what arrives from station b:
 
     D_a(u) = phi_a(u) - phi_b(v),   v = u - d(u),   d(u) = (s_b - s_a) + tau(s_a + u),
 
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
 
@@ -104,15 +106,16 @@ class Measurements:
             )
             for s in self.stations
         )
-        paths = [
-            Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths
-        ]
+        paths = [Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths]
         return dataclasses.replace(
             self,
             stations=stations,
             paths=paths,
             initial_phase=self.initial_phase[:, rows].copy(),
-            **{name: getattr(self, name)[rows].copy() for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay')},
+            **{
+                name: getattr(self, name)[rows].copy()
+                for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay')
+            },
         )
 
 
@@ -231,7 +234,9 @@ def _draw_noise(m: Measurements, generators: Sequence[np.random.Generator]) -> _
         if s.phase_noise is None:
             spectra.append(None)
         else:
-            spectra.append(oscillator.spectrum(np.ascontiguousarray(normals), period, s.sweep.sample_rate, s.phase_noise))
+            spectra.append(
+                oscillator.spectrum(np.ascontiguousarray(normals), period, s.sweep.sample_rate, s.phase_noise)
+            )
     return _Noise(tuple(parts[: len(m.stations)]), tuple(spectra), tuple(periods))
 
 
@@ -248,7 +253,9 @@ def _phase_noise(m: Measurements, noise: _Noise, receiver: int, path: Path) -> n
         peer_rate = peer.sweep.sample_rate * peer.sample_clock
         drift = (1.0 - g.rate) * g.step * peer_rate - 1.0
         drift[np.abs(drift) * count < _NEGLIGIBLE_DRIFT] = 0.0
-        heard = oscillator.phase(noise.spectra[peer_index], noise.periods[peer_index], count, -g.offset * peer_rate, drift)
+        heard = oscillator.phase(
+            noise.spectra[peer_index], noise.periods[peer_index], count, -g.offset * peer_rate, drift
+        )
         difference = -heard if difference is None else difference - heard
     return difference
 

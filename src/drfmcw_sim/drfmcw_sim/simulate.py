@@ -4,12 +4,13 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from drfmcw_physics.settings import ConfigurationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from drfmcw_physics.settings import ConfigurationError
+
 from .recording import write_recording
-from .scenario import read_scenario
+from .scenario import Scenario, read_scenario
 from .timeline import Timeline
 
 
@@ -27,7 +28,9 @@ def parser() -> argparse.ArgumentParser:
         '--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides',
         help='replace a setting of the scenario: section.key=value, list items by number (pairs.0.first=master)',
     )  # fmt: skip
-    result.add_argument('--pace', choices=('scenario', 'subscribers'), default='scenario', help='live: pace of the sweeps')
+    result.add_argument(
+        '--pace', choices=('scenario', 'subscribers'), default='scenario', help='live: pace of the sweeps'
+    )
     result.add_argument('--rate', type=float, default=1.0, help='live: scenario seconds per second')
     result.add_argument(
         '--mode-control', choices=('request', 'range'), default='request', help='live: who chooses the mode'
@@ -42,15 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = read_scenario(arguments.scenario, tuple(arguments.overrides), arguments.seed)
         if arguments.out is None:
             return _live(arguments)
-        console = Console(stderr=True)
-        with Progress(
-            TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console
-        ) as bar:
-            task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
-            count = write_recording(
-                scenario, arguments.out, arguments.storage, lambda done: bar.update(task, completed=done)
-            )
-        console.print(f'{arguments.out}: {count} sweep pairs')
+        _render(scenario, arguments)
     except ConfigurationError as error:
         print(f'drfmcw: {error}', file=sys.stderr)
         return 2
@@ -58,6 +53,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         print('drfmcw: interrupted, no recording written', file=sys.stderr)
         return 130
     return 0
+
+
+def _render(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    """Write the recording, with a progress bar once it has begun."""
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console
+    )
+    task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
+
+    def show(done: int) -> None:
+        bar.start()
+        bar.update(task, completed=done)
+
+    try:
+        count = write_recording(scenario, arguments.out, arguments.storage, show)
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    console.print(f'{arguments.out}: {count} sweep pairs')
 
 
 def _live(arguments: argparse.Namespace) -> int:

@@ -2,6 +2,8 @@
 
 import collections
 import dataclasses
+import functools
+import importlib
 import math
 import sys
 import threading
@@ -10,6 +12,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from drfmcw_msgs.msg import BeatFrequency, SweepConfig
+from rclpy.duration import Duration
+from rclpy.node import Node
+
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import Mode
 from drfmcw_ros import qos
@@ -18,10 +23,8 @@ from drfmcw_ros.messages import to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched
-from rclpy.duration import Duration
-from rclpy.node import Node
 
-from .recording import message_class
+from .recording import message_type
 from .scenario import Scenario, read_scenario
 from .timeline import NANOSECONDS, Event, Timeline
 
@@ -38,7 +41,9 @@ class SimulatorSettings:
     overrides: list[str] = parameter(
         [], description="changes of the scenario, each 'section.key=value'", structural=True
     )
-    seed: int = parameter(-1, bounds=(-1, 2**63 - 1), description="of all random numbers; -1: the scenario's", structural=True)
+    seed: int = parameter(
+        -1, bounds=(-1, 2**63 - 1), description="of all random numbers; -1: the scenario's", structural=True
+    )
     pace: str = parameter(
         'scenario', choices=('scenario', 'subscribers'), structural=True,
         description="'scenario': scenario time times `rate`; 'subscribers': as fast as the stations take the sweeps",
@@ -51,7 +56,7 @@ class SimulatorSettings:
     )
     acknowledge_timeout: float = parameter(
         2.0, unit='s', bounds=(0.05, 600.0),
-        description="pace 'subscribers': a station silent for this long is no longer waited for, until it answers again",
+        description="pace 'subscribers': a station silent for so long is no longer waited for, until it answers again",
     )  # fmt: skip
     wait_for_subscribers: float = parameter(
         15.0, unit='s', bounds=(0.0, 3600.0), description='longest wait for the stations (and fusion) before the start'
@@ -61,12 +66,24 @@ class SimulatorSettings:
         description="'request': mode as asked for on sweep_request; 'range': by the scenario's own distance limit",
     )  # fmt: skip
     settings_pause: float = parameter(
-        0.05, unit='s', bounds=(0.0, 60.0), description='wall-clock pause after new sweep settings, so that they arrive first'
+        0.05,
+        unit='s',
+        bounds=(0.0, 60.0),
+        description='wall-clock pause after new sweep settings, so that they arrive first',
     )
     start: str = parameter(
         'now', choices=('now', 'scenario'), structural=True, description='stamp of the first sweep: now, or start_time'
     )
-    at_end: str = parameter('exit', choices=('exit', 'loop', 'stay'), description='what follows the end of the scenario')
+    at_end: str = parameter(
+        'exit', choices=('exit', 'loop', 'stay'), description='what follows the end of the scenario'
+    )
+
+
+@functools.cache
+def message_class(topic: str) -> type:
+    """Return the ROS message class of a simulated topic."""
+    package, _, name = message_type(topic).split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
 class Acknowledgements:

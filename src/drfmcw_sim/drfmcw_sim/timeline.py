@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.link_budget import free_space_loss
@@ -115,7 +116,7 @@ class Timeline:
         Args:
             scenario: what to simulate.
             start: time of the first sweep [ns]; None takes the scenario's.
-            mode_by_range: the hardware changes its mode by itself at the scenario's limit; False: only by `change_mode`.
+            mode_by_range: the hardware changes its mode at the scenario's limit; False: only `change_mode` does.
             first_sweep_id: number of the first sweep.
         """
         self.scenario = scenario
@@ -260,9 +261,7 @@ class Timeline:
         direct = Path(
             hardware + slots.distance * slowness, slots.velocity * slowness, slots.acceleration * slowness, np.ones(n)
         )
-        stations = tuple(
-            self._station(sweep, s.stations[sweep.peer].tx_eirp, settings, slots) for sweep in sweeps
-        )
+        stations = tuple(self._station(sweep, s.stations[sweep.peer].tx_eirp, settings, slots) for sweep in sweeps)
         return Measurements(
             stations=stations,
             sweep_id=slots.sweep_id,

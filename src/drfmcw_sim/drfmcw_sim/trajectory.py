@@ -1,9 +1,11 @@
 """How the antenna distance of a pair changes: standing at given distances, or driving between way-points."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
+
 from drfmcw_physics.settings import ConfigurationError, parameter
 
 
@@ -93,7 +95,7 @@ class Profile:
         """Refuse lists that do not belong together."""
         if len(self.values) != len(self.times) or not self.values:
             raise ConfigurationError(f'{len(self.values)} values for {len(self.times)} times')
-        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+        if any(b <= a for a, b in itertools.pairwise(self.times)):
             raise ConfigurationError('times do not rise')
 
     def at(self, time: np.ndarray | float) -> np.ndarray:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+
 from drfmcw_physics.settings import ConfigurationError, from_mapping, nearest
 
 from ..signal_model import Measurements, Station
@@ -88,7 +89,9 @@ def effect_from_mapping(mapping: Mapping[str, Any], where: str, stations: list[s
         Effect.registry[name], {k: v for k, v in mapping.items() if k != 'effect'}, f'{where}: {name}'
     )
     if effect.station and effect.station not in stations:
-        raise ConfigurationError(f"{where}: {name}: unknown station '{effect.station}'{nearest(effect.station, stations)}")
+        raise ConfigurationError(
+            f"{where}: {name}: unknown station '{effect.station}'{nearest(effect.station, stations)}"
+        )
     if effect.station and effect.of != 'station':
         raise ConfigurationError(f'{where}: {name} belongs to the {effect.of}, it has no station')
     return effect

@@ -12,7 +12,9 @@ from .base import Effect
 class SampleClockOffset(Effect, name='sample_clock_offset', of='station'):
     """Deviation of the ADC clock relative to its calibration; the chirp is not touched."""
 
-    deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='of the ADC clock from its calibration')
+    deviation: float = parameter(
+        unit='ppm', bounds=(-500.0, 500.0), description='of the ADC clock from its calibration'
+    )
 
     def prepare(self, m: Measurements) -> None:
         """Scale the ADC clock."""

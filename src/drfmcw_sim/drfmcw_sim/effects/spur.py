@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+
 from drfmcw_physics.settings import parameter
 
 from ..signal_model import Measurements, Station

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+
 from drfmcw_physics.settings import parameter
 
 from ..signal_model import Measurements, Station
@@ -14,7 +15,9 @@ from .base import Effect
 class TxLeakage(Effect, name='tx_leakage', of='station'):
     """Leakage over a path without delay: mixed with itself, the chirp gives a constant while it is on."""
 
-    level: float = parameter(unit='dBFS', bounds=(-200.0, 20.0), description='of the constant; ADC full scale is 0 dBFS')
+    level: float = parameter(
+        unit='dBFS', bounds=(-200.0, 20.0), description='of the constant; ADC full scale is 0 dBFS'
+    )
 
     def receive(
         self,
