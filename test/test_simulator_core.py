@@ -110,18 +110,21 @@ def test_unknown_storage_is_refused(tmp_path):
 def test_window_of_unanswered_sweeps():
     """A station gets no more than the window; an answer covers earlier sweeps; a silent one is not waited for."""
     under_way = Acknowledgements(['a', 'b'])
-    for sweep_id in range(5):
+    under_way.sent('a', 0)
+    assert not under_way.room('a', 5)  # never heard of: one sweep, then only now and then another
+    assert not under_way.answered('a', 0)
+    for sweep_id in range(1, 6):
         under_way.sent('a', sweep_id)
     assert not under_way.room('a', 5)
     assert under_way.room('b', 5)
-    assert not under_way.answered('a', 3)
+    assert not under_way.answered('a', 4)
     assert under_way.outstanding() == 1
     assert under_way.room('a', 5)
-    for sweep_id in range(5, 9):
+    for sweep_id in range(6, 10):
         under_way.sent('a', sweep_id)
     assert not under_way.give_up('a', 60.0)
     assert under_way.give_up('a', 0.0)
     assert under_way.silent == {'a'}
     assert under_way.room('a', 5)
-    assert under_way.answered('a', 8)
+    assert under_way.answered('a', 9)
     assert not under_way.silent

@@ -29,6 +29,8 @@ from .scenario import Scenario, read_scenario
 from .timeline import NANOSECONDS, Event, Timeline
 
 _BLOCK = 8  # measurements synthesised at once: a few milliseconds of delay at most
+_PROBE_INTERVAL = 0.1  # between sweeps to a station that has never answered [s]
+_SETTLING = 0.5  # from the match with the stations to the first sweep, so that latched settings arrive first [s]
 _LAG_LIMIT = 1.0  # behind the pace by more than this, the pace is taken up again from here [s]
 _DELIVERY_LIMIT = 5.0  # wait at the end for subscribers to have received everything [s]
 
@@ -87,18 +89,25 @@ def message_class(topic: str) -> type:
 
 
 class Acknowledgements:
-    """Which sweeps each station has answered, so that no more than a window of them is under way."""
+    """Which sweeps each station has answered, so that no more than a window of them is under way.
+
+    The first answers may be lost while the middleware still connects the station's publisher to us: until a station has
+    answered once it gets a sweep now and then, not a window that nobody would acknowledge.
+    """
 
     def __init__(self, stations: Sequence[str]) -> None:
         """Start with nothing under way."""
         self._waiting = {name: collections.deque() for name in stations}
         self._progress = dict.fromkeys(stations, time.monotonic())
+        self._sent_at = dict.fromkeys(stations, 0.0)
+        self._heard: set[str] = set()
         self.silent: set[str] = set()
 
     def sent(self, station: str, sweep_id: int) -> None:
         """Note a published sweep."""
         if not self._waiting[station]:
             self._progress[station] = time.monotonic()
+        self._sent_at[station] = time.monotonic()
         if station not in self.silent:
             self._waiting[station].append(sweep_id)
 
@@ -108,13 +117,18 @@ class Acknowledgements:
         while waiting and waiting[0] <= sweep_id:
             waiting.popleft()
         self._progress[station] = time.monotonic()
+        self._heard.add(station)
         back = station in self.silent
         self.silent.discard(station)
         return back
 
     def room(self, station: str, window: int) -> bool:
         """Return True where the station may be sent another sweep."""
-        return station in self.silent or len(self._waiting[station]) < window
+        if station in self.silent or not self._waiting[station]:
+            return True
+        if station not in self._heard:
+            return time.monotonic() - self._sent_at[station] > _PROBE_INTERVAL
+        return len(self._waiting[station]) < window
 
     def outstanding(self) -> int:
         """Return the largest number of sweeps any station has unanswered."""
@@ -276,7 +290,7 @@ class Simulator(Node):
             pass
         if missing and self.settings.wait_for_subscribers > 0 and not self._stop.is_set():
             self.get_logger().warning(f'starting without {", ".join(missing)}')
-        self._stop.wait(self.settings.settings_pause)
+        self._stop.wait(max(_SETTLING, self.settings.settings_pause))
         if self.settings.start == 'now':
             self._timeline.start = self._now()
         else:
