@@ -27,7 +27,7 @@ from .offline import read_weather
 from .pipeline import Flag, RangeFusion, RangeResult
 from .settings import FusionSettings
 
-_UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH
+_UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY
 _WEATHER_TYPES = {
     '/site/temperature': Temperature,
     '/site/pressure': FluidPressure,

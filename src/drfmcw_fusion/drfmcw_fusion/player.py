@@ -34,8 +34,8 @@ _STAMP = struct.Struct('<iI')  # of the header that every message begins with, b
 class PlayerNode(Node):
     """Publishes serialised messages on the measured topics and counts the stations' answers."""
 
-    def __init__(self, bag: BagReader, **kwargs: Any) -> None:
-        """Create publishers of all measured topics of the recording."""
+    def __init__(self, bag: BagReader, flow_control: bool, **kwargs: Any) -> None:
+        """Create publishers of all measured topics of the recording; with flow control also listen to the answers."""
         super().__init__('player', **kwargs)
         self.stations: list[str] = []
         self._senders: dict[str, Any] = {}
@@ -49,8 +49,9 @@ class PlayerNode(Node):
             self._senders[topic] = qos.publisher(self, message_class(kind), topic, profile)
             if name == 'if_samples':
                 self.stations.append(station)
-                answer = functools.partial(self._count, station)
-                qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', answer, qos.RELIABLE, batch=True)
+                if flow_control:
+                    answer = functools.partial(self._count, station)
+                    qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', answer, qos.RELIABLE, batch=True)
 
     def _count(self, station: str, messages: list[BeatFrequency]) -> None:
         with self._answered:
@@ -91,13 +92,14 @@ def play(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
             raise ConfigurationError(f"{bag.path}: holds no '/<station>/if_samples'")
         rclpy.init(args=['player', *ros_arguments])
         cleanup.callback(rclpy.try_shutdown)
-        node = PlayerNode(bag)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        spinning = threading.Thread(target=executor.spin, daemon=True)
-        spinning.start()
-        cleanup.callback(spinning.join, 2.0)
-        cleanup.callback(executor.shutdown)
+        node = PlayerNode(bag, flow_control=not arguments.rate)
+        if not arguments.rate:  # only then is there anything to listen to
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            spinning = threading.Thread(target=executor.spin, daemon=True)
+            spinning.start()
+            cleanup.callback(spinning.join, 2.0)
+            cleanup.callback(executor.shutdown)
         for station in node.wait_for_subscribers(arguments.wait):
             node.get_logger().warning(f"nobody listens to '/{station}/if_samples'")
         _play(node, bag, arguments)

@@ -1,0 +1,26 @@
+"""One measured figure and its goal."""
+
+import dataclasses
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """A measured value; `relation` says on which side of the goal it must lie."""
+
+    name: str
+    value: float
+    unit: str = ''
+    goal: float | None = None
+    relation: str = '<='
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the goal is met, None where there is none."""
+        if self.goal is None:
+            return None
+        return self.value <= self.goal if self.relation == '<=' else self.value >= self.goal
+
+    def as_object(self) -> dict[str, Any]:
+        """Return a JSON-ready object."""
+        return dataclasses.asdict(self) | {'met': self.met}

@@ -1,0 +1,26 @@
+"""Small simulated recordings for the tests."""
+
+from pathlib import Path
+from typing import Any
+
+from drfmcw_sim.recording import write_recording
+from drfmcw_sim.scenario import Scenario, scenario_from_mapping
+
+STANDARD_STATION = {'noise_floor': -140.7, 'phase_noise_level': -90.0, 'phase_noise_corner': 200e3}
+
+
+def scene(trajectory: dict[str, Any], alphas: tuple[float, float] = (1.0, 1.0), **sections: Any) -> Scenario:
+    """Return a scenario of master and slave on a trajectory, e.g. {'standing': {...}} or {'drive': {...}}."""
+    stations = {
+        'master': STANDARD_STATION | {'alpha': alphas[0], 'delay': 12e-9},
+        'slave': STANDARD_STATION | {'alpha': alphas[1], 'delay': 15e-9},
+    }
+    pairs = [{'first': 'master', 'second': 'slave'} | trajectory]
+    mapping = {'stations': stations, 'pairs': pairs, 'reference': {'range_std': 0.0}, 'seed': 11} | sections
+    return scenario_from_mapping(mapping, 'test')
+
+
+def record(scenario: Scenario, path: Path) -> Path:
+    """Render a scenario into a recording and return its path."""
+    write_recording(scenario, path)
+    return path

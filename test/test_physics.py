@@ -1,0 +1,136 @@
+"""Formulas against the paper, ITU-R recommendations and the tables of bounds."""
+
+import math
+
+import numpy as np
+import pytest
+from drfmcw_physics import air, bounds, link_budget
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.history import History
+from drfmcw_physics.mode import ModeSettings, choose_mode
+from drfmcw_physics.oscillators import range_bias
+from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
+from hypothesis import given
+from hypothesis import strategies as st
+
+NOISE = PhaseNoise(-90.0, 200e3)
+FLOOR_A, FLOOR_B = -97.7, -80.6  # dBm in the whole IF band
+IF_BAND = 1.024e6
+alphas = st.floats(1 - 50e-6, 1 + 50e-6)
+
+
+def sweep(role=Role.FIRST, mode=Mode.SHORT_DISTANCE, start_delay=3.41e-6, **changes):
+    return SweepSettings('a', 'b', role=role, mode=mode, start_delay=start_delay, **changes)
+
+
+@pytest.mark.parametrize(('distance', 'power'), [(15, -37.2), (50, -47.7), (200, -59.7), (500, -67.7), (1000, -73.7)])
+def test_received_power_of_table_1(distance, power):
+    assert link_budget.received_power(13.0, 21.0, distance, 5.8e9) == pytest.approx(power, abs=0.05)
+
+
+def test_noise_density_at_0_db_is_minus_174_dbm_per_hz():
+    assert link_budget.noise_density(0.0) == pytest.approx(-173.98, abs=0.01)
+
+
+# sigma of one sweep pair in mm, from the reference table: thermal and combined phase noise
+@pytest.mark.parametrize(
+    ('distance', 'hann_a', 'hann_b'), [(15, 0.26, 0.31), (50, 0.28, 0.65), (200, 0.46, 2.40), (1000, 1.69, 11.92)]
+)
+def test_standard_deviation_of_the_hann_window_agrees_with_the_table(distance, hann_a, hann_b):
+    delay, duration = distance / SPEED_OF_LIGHT, 1e-3
+    line = abs(150e9 * (3.41e-6 - delay)) if distance < 650 else 150e9 * (delay - 0.6e-6)
+    for floor, expected in ((FLOOR_A, hann_a), (FLOOR_B, hann_b)):
+        noise = floor - 10 * math.log10(IF_BAND) + 10 * math.log10(1 / duration)
+        ratio = 10 ** ((noise - link_budget.received_power(13.0, 21.0, distance, 5.8e9)) / 10)
+        ratio += 2 * float(bounds.image_noise_ratio(NOISE, line, duration, 2.048e6))
+        variance = 2 * bounds.additive_std(1 / ratio, duration, 'hann') ** 2
+        variance += 2 * bounds.phase_noise_std(NOISE, duration, 'hann', delay) ** 2
+        range_std = math.sqrt(variance) * SPEED_OF_LIGHT / (2 * 150e9)
+        assert range_std * 1e3 == pytest.approx(expected, rel=0.06, abs=0.02)
+
+
+def test_rectangular_window_reaches_the_cramer_rao_bound_and_hann_costs_1_53():
+    assert bounds.additive_factor('boxcar') == pytest.approx(math.sqrt(6) / (2 * math.pi), rel=1e-5)
+    assert bounds.additive_factor('hann') / bounds.additive_factor('boxcar') == pytest.approx(1.53, abs=0.005)
+
+
+def test_one_pole_phase_noise_is_pinned_at_100_khz():
+    assert 10 * math.log10(NOISE.single_sideband(100e3)) == pytest.approx(-90.0, abs=1e-9)
+    decade = NOISE.single_sideband(20e6) / NOISE.single_sideband(200e6)
+    assert 10 * math.log10(decade) == pytest.approx(20.0, abs=0.01)
+
+
+def test_refractive_index_of_dry_air_as_the_paper_computes_it():
+    # the paper prints 299704442 m/s for this; its own eq. 23 gives 299711916 m/s
+    index = air.refractive_index(25.0, 103250.0, 0.0, 'paper_eq23_as_printed')
+    assert SPEED_OF_LIGHT / index == pytest.approx(299711916, abs=1)
+
+
+def test_misprinted_wet_term_costs_60_mm_at_1_km_in_humid_summer_air():
+    printed = air.refractive_index(25.0, 101325.0, 0.5, 'paper_eq23_as_printed')
+    corrected = air.refractive_index(25.0, 101325.0, 0.5, 'paper_eq23_corrected')
+    standard = air.refractive_index(25.0, 101325.0, 0.5)
+    assert (corrected - printed) * 1e6 == pytest.approx(60.0, abs=1.5)
+    assert corrected == pytest.approx(standard, abs=1.5e-6)
+
+
+def test_unknown_air_model_is_refused():
+    with pytest.raises(ValueError, match='eq24'):
+        air.refractive_index(20.0, 1e5, 0.5, 'eq24')
+
+
+def test_saturation_pressure_at_20_degc_is_that_of_the_steam_tables():
+    assert air.saturation_vapour_pressure(20.0, 101325.0) == pytest.approx(23.39 * 1.0042, rel=2e-3)
+
+
+def test_reference_error_of_40_ppm_is_40_mm_at_1_km_for_one_station_and_80_for_both():
+    assert range_bias(1000.0, 1 + 40e-6, 1.0) == pytest.approx(0.040, abs=1e-5)
+    assert range_bias(1000.0, 1 + 40e-6, 1 + 40e-6) == pytest.approx(0.080, abs=1e-5)
+
+
+def test_largest_ranges_of_table_1():
+    velocity = SPEED_OF_LIGHT / 1.0003
+    assert largest_range(sweep(start_delay=3.41e-6), velocity) == pytest.approx(1023.0, abs=1.0)
+    assert largest_range(sweep(start_delay=4e-6), velocity) == pytest.approx(847.0, abs=1.0)
+    assert largest_range(sweep(mode=Mode.LONG_DISTANCE, start_delay=0.0), velocity) == pytest.approx(2046.0, abs=2.0)
+
+
+@given(alphas, alphas, st.floats(1e-7, 3.4e-6))
+def test_lines_in_short_distance_mode_give_2_k_tau(first, second, delay):
+    """Eqs. 5 and 18 for any references, as long as both lines stay clear of zero."""
+    common = 5.8e9 * (first - second)
+    one, two = sweep(), sweep(role=Role.SECOND)
+    k = one.chirp_rate
+    if min(k * (3.41e-6 + delay) + common, k * (3.41e-6 - delay) + common) < 5e3:
+        return
+    total = beat_frequency(one, delay, first, second) - beat_frequency(two, delay, second, first)
+    assert total == pytest.approx(k * delay * (first**2 + second**2), abs=1e-4)
+
+
+@given(alphas, alphas)
+def test_residual_chirps_of_both_stations_cancel(first, second):
+    for mode in Mode:
+        one = residual_chirp(sweep(mode=mode), first, second)
+        two = residual_chirp(sweep(role=Role.SECOND, mode=mode), second, first)
+        assert one == pytest.approx(two if mode == Mode.SHORT_DISTANCE else -two, abs=1e-6)
+
+
+def test_mode_changes_with_hysteresis():
+    settings = ModeSettings(limit=650.0, hysteresis=20.0)
+    mode, changes = None, []
+    for distance in [*np.arange(600.0, 700.0, 1.0), *np.arange(700.0, 600.0, -1.0)]:
+        new = choose_mode(mode, float(distance), settings)
+        if mode is not None and new != mode:
+            changes.append((float(distance), new))
+        mode = new
+    assert changes == [(661.0, Mode.LONG_DISTANCE), (639.0, Mode.SHORT_DISTANCE)]
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.integers()), min_size=1), st.integers(-5, 55))
+def test_history_returns_the_newest_not_later_value(entries, stamp):
+    history = History()
+    for at, value in entries:
+        history.add(at, value)
+    expected = [(at, value) for at, value in dict(entries).items() if at <= stamp]
+    assert history.at(stamp) == (max(expected) if expected else None)
