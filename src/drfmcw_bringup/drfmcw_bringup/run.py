@@ -48,7 +48,7 @@ def start_graph(
     graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
     for station in scenario.stations:
         graph.start(f'station_{station}', STATION, '--station', station, keep_alive=keep_alive)
-    settings = {'scenario': str(scenario_path)} | simulator
+    settings = {'scenario': str(scenario_path), 'listeners': listeners} | simulator
     graph.start('simulator', SIMULATOR, *parameters(settings))
 
 

@@ -79,6 +79,7 @@ class FusionNode(Node):
         self._settings = SettingsParameters(self, FusionSettings, on_change=self._change)
         self._mode = SettingsParameters(self, ModeSettings, prefix='mode')
         self._fusion = RangeFusion(self._settings.value)
+        self._first = qos.FirstTopics(self)  # settings, calibrations, weather: before the beats that need them
         self._pairs: dict[tuple[str, str], _PairState] = {}
         for pair in self._pair_settings.value.pairs:
             first, second = pair.split('/')
@@ -91,7 +92,7 @@ class FusionNode(Node):
         for station in sorted({name for pair in self._pairs for name in pair}):
             self._listen_to(station)
         for topic, kind in _WEATHER_TYPES.items():
-            qos.subscription(self, kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
+            self._first.subscription(kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
         diagnostics = Diagnostics(self, 'fusion')
         for pair in self._pairs:
             diagnostics.add(f'Range {"/".join(pair)}', functools.partial(self._diagnose, pair))
@@ -100,9 +101,9 @@ class FusionNode(Node):
 
     def _listen_to(self, station: str) -> None:
         latched = qos.latched_subscription(_LARGEST_PAIR_COUNT)
-        qos.subscription(self, SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)
-        qos.subscription(self, StationCalibration, f'/{station}/calibration', self._calibration, latched)
-        qos.subscription(self, StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
+        self._first.subscription(SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)
+        self._first.subscription(StationCalibration, f'/{station}/calibration', self._calibration, latched)
+        self._first.subscription(StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
         qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.RELIABLE, batch=True)
         for pair in self._pairs:
             if station in pair and pair[0] != pair[1]:
@@ -136,6 +137,7 @@ class FusionNode(Node):
         self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
 
     def _beats(self, messages: list[BeatFrequency]) -> None:
+        self._first.poll()
         arrival = time.monotonic()
         for message in messages:
             result = self._fusion.add_beat(from_message(message, Beat), arrival)

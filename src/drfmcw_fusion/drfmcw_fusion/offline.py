@@ -111,9 +111,15 @@ class RecordingReplay:
     def run(self, progress: Callable[[int], None] | None = None) -> Replay:
         """Recompute everything; `progress` is called with the number of messages read so far."""
         results: list[RangeResult] = []
-        topics = {t for t in self._bag.topics if is_measured(t)}
-        for count, (topic, _, message) in enumerate(self._bag.messages(topics)):
-            if self._take(topic, message) and max(map(len, self._pending.values())) >= _CHUNK:
+        samples = {f'/{name}/if_samples' for name in self.stations}
+        # everything is looked up by stamp: first all that sweeps depend on, whenever it was written, then the sweeps
+        first = {t for t in self._bag.topics if is_measured(t) and split_station_topic(t)[1] != 'if_samples'}
+        for topic, _, message in self._bag.messages(first):
+            self._take(topic, message)
+        for count, (topic, _, message) in enumerate(self._bag.messages(samples)):
+            self._pending[split_station_topic(topic)[0]].append(from_message(message, Sweep))
+            self._sweeps += 1
+            if max(map(len, self._pending.values())) >= _CHUNK:
                 results.extend(self._process())
             if progress is not None and count % 100 == 0:
                 progress(count)
@@ -129,8 +135,8 @@ class RecordingReplay:
             dropped={reason: count for reason, count in dropped.items() if count},
         )
 
-    def _take(self, topic: str, message: object) -> bool:
-        """Take in one message; return True for a sweep."""
+    def _take(self, topic: str, message: object) -> None:
+        """Take in one message that is no sweep."""
         station, name = split_station_topic(topic)
         stamp = stamp_ns(message.header.stamp)
         if topic in SITE_TOPICS:
@@ -139,11 +145,6 @@ class RecordingReplay:
                 self._fusion.add_weather(quantity, stamp, value)
             else:
                 self._reference.append((stamp, message.range, message.range_std))
-        elif name == 'if_samples':
-            if station in self._pending:
-                self._pending[station].append(from_message(message, Sweep))
-                self._sweeps += 1
-                return True
         elif name == 'sweep_config':
             sweep = from_message(message, SweepSettings)
             self._fusion.add_sweep_config(sweep)
@@ -156,7 +157,6 @@ class RecordingReplay:
                 processor.add_calibration(calibration)
         elif name == 'status':
             self._fusion.add_board_temperature(station, stamp, message.temperature)
-        return False
 
     def _process(self) -> Iterator[RangeResult]:
         """Estimate the pending sweeps and yield the ranges of those whose partner is there too."""

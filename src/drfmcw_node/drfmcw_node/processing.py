@@ -114,6 +114,15 @@ class StationProcessor:
             with contextlib.suppress(ConfigurationError):  # said when a sweep comes that needs it
                 estimator(settings, self._settings, False, *(h.latest() for h in histories))
 
+    def has_settings(self, sweep: Sweep) -> bool:
+        """Return True where the settings and calibrations that a sweep needs have arrived."""
+        histories = (
+            self._sweep_settings.get((sweep.station, sweep.peer)),
+            self._calibrations.get(sweep.station),
+            self._calibrations.get(sweep.peer),
+        )
+        return all(history is not None and history.at(sweep.stamp) is not None for history in histories)
+
     def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
         """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
         return self._process(sweeps, 0)[0]

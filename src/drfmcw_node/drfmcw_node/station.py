@@ -39,6 +39,8 @@ from .station_settings import Housekeeping, StationSettings, check_complete
 
 _NANOSECONDS = 1_000_000_000
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
+_EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
+_EARLY_COUNT = 4000  # and how many of them
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -78,6 +80,9 @@ class StationNode(Node):
         self._estimation = SettingsParameters(self, EstimatorSettings, on_change=self._change_estimation)
         self._processor.settings = self._estimation.value
         self._peers: set[str] = set()
+        self._first = qos.FirstTopics(self)  # settings and calibrations: before the sweeps that need them
+        self._early: list[Sweep] = []  # sweeps whose settings have not arrived
+        self._early_since = math.inf
         self._latched: dict[tuple[type, str], Any] = {}
         self._frame: Frame | None = None
         self._seen: dict[str, int] = {}
@@ -116,8 +121,8 @@ class StationNode(Node):
     def _listen(self, settings: StationSettings) -> None:
         """Take sweeps, settings and calibrations from topics."""
         latched = qos.latched_subscription(32)
-        qos.subscription(self, SweepConfig, self._topic('sweep_config'), self._take_sweep_config, latched)
-        qos.subscription(self, StationCalibration, self._topic('calibration'), self._take_calibration, latched)
+        self._first.subscription(SweepConfig, self._topic('sweep_config'), self._take_sweep_config, latched)
+        self._first.subscription(StationCalibration, self._topic('calibration'), self._take_calibration, latched)
         if settings.source == 'topic':
             qos.subscription(self, IfSamples, self._topic('if_samples'), self._take_samples, qos.RELIABLE, batch=True)
         else:
@@ -135,18 +140,20 @@ class StationNode(Node):
         if settings is not None and settings.station == self.station:
             self._processor.add_sweep_config(settings)
             self._follow_peer(settings.peer)
+            self._take_sweeps([])
 
     def _take_calibration(self, message: StationCalibration) -> None:
         calibration = self._converted(message, Calibration, 'calibration')
         if calibration is not None:
             self._processor.add_calibration(calibration)
+            self._take_sweeps([])
 
     def _follow_peer(self, peer: str) -> None:
         """Listen to the calibration of a peer that is new."""
         if peer != self.station and peer not in self._peers:
             self._peers.add(peer)
             topic = f'{self._siblings}{peer}/calibration'
-            qos.subscription(self, StationCalibration, topic, self._take_calibration, qos.latched_subscription(1))
+            self._first.subscription(StationCalibration, topic, self._take_calibration, qos.latched_subscription(1))
 
     def _converted(self, message: Any, cls: type, topic: str) -> Any:
         try:
@@ -156,9 +163,36 @@ class StationNode(Node):
             return None
 
     def _take_samples(self, messages: Sequence[IfSamples]) -> None:
-        self._process([from_message(message, Sweep) for message in messages])
+        self._first.poll()
+        self._take_sweeps([from_message(message, Sweep) for message in messages])
+
+    def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
+        """Evaluate sweeps; those that came before their settings wait a moment for them.
+
+        Topics have no order among each other: after a start, sweeps may overtake latched settings and calibrations.
+        """
+        if self._early:
+            sweeps = [*self._early, *sweeps]
+            self._early = []
+        now = time.monotonic()
+        ready = []
+        for sweep in sweeps:
+            if self._processor.has_settings(sweep):
+                ready.append(sweep)
+            else:
+                self._early.append(sweep)
+        if not self._early:
+            self._early_since = math.inf
+        elif self._early_since == math.inf:
+            self._early_since = now
+        elif now - self._early_since > _EARLY_LIMIT or len(self._early) > _EARLY_COUNT:
+            ready = sorted([*self._early, *ready], key=lambda s: s.sweep_id)  # the processor drops and counts them
+            self._early = []
+            self._early_since = math.inf
+        self._process(ready)
 
     def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
+        self._first.poll()
         sweeps = []
         for message in messages:
             try:
@@ -167,7 +201,7 @@ class StationNode(Node):
                 self._processor.sweeps += 1
                 self._processor.dropped['damaged compressed sweep'] += 1
                 self._warn(f'compressed sweep {message.sweep_id}: {error}')
-        self._process(sweeps)
+        self._take_sweeps(sweeps)
 
     # --- a sweep of its own: feed or recording ---
 

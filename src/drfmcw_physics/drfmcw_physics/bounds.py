@@ -46,13 +46,13 @@ def additive_std(snr, duration: float, window: str = 'boxcar'):
     return additive_factor(window) / (duration * np.sqrt(snr))
 
 
-@functools.lru_cache(maxsize=64)
-def _transfer(window: str, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (frequency [Hz], width of each step [Hz], |G|^2 [Hz^2/rad^2]) of the slope estimate."""
+@functools.cache
+def _transfer(window: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (frequency, width of each step, |G|^2) of the slope estimate of a window of unit duration."""
     x, g = _slope_weights(window)
     f = np.concatenate([np.linspace(0.02, 20.0, 1000), np.geomspace(20.05, _POINTS / 4, 400)])
     g_of_f = np.exp(-2j * np.pi * np.outer(f, x)) @ g
-    return f / duration, np.gradient(f) / duration, np.abs(g_of_f / (2.0 * np.pi * duration)) ** 2
+    return f, np.gradient(f), np.abs(g_of_f / (2.0 * np.pi)) ** 2
 
 
 def phase_noise_std(noise: PhaseNoise, duration: float, window: str = 'boxcar', delay: float | None = None) -> float:
@@ -65,11 +65,12 @@ def phase_noise_std(noise: PhaseNoise, duration: float, window: str = 'boxcar', 
         delay: path delay where the two stations' frequencies are combined (eq. 5 or 6), so that the noise passes
             through 4 sin^2(pi f tau) [s]; None for a single station's frequency, where it passes whole.
     """
-    f, df, gain = _transfer(window, duration)
+    frequency, step, gain = _transfer(window)
+    f = frequency / duration
     density = noise.phase_density(f) * gain
     if delay is not None:
         density = density * combination_gain(f, delay)
-    return float(np.sqrt(np.sum(density * df)))
+    return float(np.sqrt(np.sum(density * step) / duration**3))  # rad^2/Hz x (1/T) x (1/T)^2
 
 
 def image_noise_ratio(noise: PhaseNoise, frequency, duration: float, sample_rate: float):

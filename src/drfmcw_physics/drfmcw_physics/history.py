@@ -9,7 +9,7 @@ T = TypeVar('T')
 class History(Generic[T]):
     """Values in order of their stamps; the newest not later than a stamp is the one that holds there."""
 
-    def __init__(self, limit: int = 1000) -> None:
+    def __init__(self, limit: int = 100_000) -> None:
         """Keep at most `limit` values, dropping the oldest."""
         self._stamps: list[int] = []
         self._values: list[T] = []

@@ -109,3 +109,30 @@ def subscription(
         )
     )
     return created[0]
+
+
+class FirstTopics:
+    """Subscriptions whose messages are taken before those of a stream that depends on them.
+
+    Topics have no order among each other. A reading that was published before a sweep waits at the middleware when the
+    sweep's result arrives, but an executor may serve the result first; `poll`, called by the stream's callback, puts
+    that right.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Start with no topic."""
+        self._node = node
+        self._subscriptions: list[tuple[Subscription, type, Callable[[Any], None]]] = []
+
+    def subscription(
+        self, message_type: type, topic: str, callback: Callable[[Any], None], profile: QoSProfile
+    ) -> None:
+        """Subscribe as the function of this name does."""
+        created = subscription(self._node, message_type, topic, callback, profile)
+        self._subscriptions.append((created, message_type, callback))
+
+    def poll(self) -> None:
+        """Hand over all messages that wait."""
+        for created, message_type, callback in self._subscriptions:
+            while (taken := created.handle.take_message(message_type, False)) is not None:
+                callback(taken[0])

@@ -50,21 +50,26 @@ def events(timeline: Timeline, block: int = _BLOCK) -> Iterator[Event]:
 
 
 def write_recording(
-    scenario: Scenario, path: Path | str, storage: str = 'mcap', progress: Callable[[int], None] | None = None
+    scenario: Scenario,
+    path: Path | str,
+    storage: str = 'mcap',
+    progress: Callable[[int], None] | None = None,
+    overwrite: bool = False,
 ) -> int:
     """Render a scenario into a recording of the measured topics; return the number of measurements.
 
     Args:
         scenario: what to simulate.
-        path: of the recording, a directory; must not exist.
+        path: of the recording, a directory.
         storage: 'mcap' or 'sqlite3'.
         progress: called with the number of measurements done so far.
+        overwrite: replace a recording of that name.
 
     Raises:
         ConfigurationError: the recording exists or cannot be written.
     """
     timeline = Timeline(scenario)
-    with BagWriter(path, storage) as bag:
+    with BagWriter(path, storage, overwrite) as bag:
         for event in events(timeline):
             name = message_type(event.topic)
             bag.write(event.topic, name, event.stamp, to_rosbags(event.content, name))

@@ -20,6 +20,7 @@ from drfmcw_physics.settings import (
     read_yaml,
 )
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
+from drfmcw_ros.config_files import find_config
 
 from .effects import Effect, effect_from_mapping
 from .trajectory import Drive, Profile, Standing
@@ -337,13 +338,14 @@ def read_scenario(path: Path | str, overrides: tuple[str, ...] = (), seed: int |
     """Read a scenario file.
 
     Args:
-        path: YAML file.
+        path: YAML file, or the name of one in config/.
         overrides: assignments as for `override`.
         seed: replaces the scenario's.
 
     Raises:
-        ConfigurationError: as `scenario_from_mapping`.
+        ConfigurationError: no such file; as `scenario_from_mapping`.
     """
+    path = find_config(str(path))
     mapping = read_yaml(path)
     for assignment in overrides:
         override(mapping, assignment)

@@ -7,22 +7,23 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import Parser, guarded
 
 from .recording import write_recording
-from .scenario import Scenario, read_scenario
+from .scenario import read_scenario
 from .timeline import Timeline
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog='drfmcw simulate',
         description='Simulate a scenario: into a recording with --out, without it live as the hardware would.',
     )
-    result.add_argument('scenario', help='scenario file (YAML)')
+    result.add_argument('scenario', help='scenario: YAML file, or name of one in config/')
     result.add_argument('--out', metavar='RECORDING', help='write this recording, as fast as possible')
     result.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='format of the recording')
+    result.add_argument('--force', action='store_true', help='replace a recording of that name')
     result.add_argument('--seed', type=int, help="replaces the scenario's")
     result.add_argument(
         '--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides',
@@ -41,38 +42,24 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     arguments = parser().parse_args(argv)
-    try:
-        scenario = read_scenario(arguments.scenario, tuple(arguments.overrides), arguments.seed)
-        if arguments.out is None:
-            return _live(arguments)
-        _render(scenario, arguments)
-    except ConfigurationError as error:
-        print(f'drfmcw: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print('drfmcw: interrupted, no recording written', file=sys.stderr)
-        return 130
-    return 0
+    return guarded('drfmcw simulate', lambda: _live(arguments) if arguments.out is None else _render(arguments))
 
 
-def _render(scenario: Scenario, arguments: argparse.Namespace) -> None:
-    """Write the recording, with a progress bar once it has begun."""
+def _render(arguments: argparse.Namespace) -> None:
+    """Write the scenario into a recording, with a progress bar."""
+    scenario = read_scenario(arguments.scenario, tuple(arguments.overrides), arguments.seed)
     console = Console(stderr=True)
-    bar = Progress(
-        TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console
-    )
-    task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
-
-    def show(done: int) -> None:
-        bar.start()
-        bar.update(task, completed=done)
-
-    try:
-        count = write_recording(scenario, arguments.out, arguments.storage, show)
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-    console.print(f'{arguments.out}: {count} sweep pairs')
+    columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
+        count = write_recording(
+            scenario,
+            arguments.out,
+            arguments.storage,
+            lambda done: bar.update(task, completed=done),
+            overwrite=arguments.force,
+        )
+    console.print(f'{arguments.out}: {count} sweep pairs', highlight=False)
 
 
 def _live(arguments: argparse.Namespace) -> int:

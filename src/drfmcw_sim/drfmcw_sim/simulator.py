@@ -60,6 +60,9 @@ class SimulatorSettings:
         2.0, unit='s', bounds=(0.05, 600.0),
         description="pace 'subscribers': a station silent for so long is no longer waited for, until it answers again",
     )  # fmt: skip
+    listeners: int = parameter(
+        1, bounds=(1, 100), description="subscribers of each station's samples to wait for (2 with a recorder)"
+    )
     wait_for_subscribers: float = parameter(
         15.0, unit='s', bounds=(0.0, 3600.0), description='longest wait for the stations (and fusion) before the start'
     )
@@ -300,8 +303,9 @@ class Simulator(Node):
         """Return what takes part in the graph and is not there yet."""
         missing = []
         for station in self.scenario.stations:
-            if self._publishers_of[f'/{station}/if_samples', ''].get_subscription_count() == 0:
-                missing.append(f'a subscriber of /{station}/if_samples')
+            found = self._publishers_of[f'/{station}/if_samples', ''].get_subscription_count()
+            if found < self.settings.listeners:
+                missing.append(f'{self.settings.listeners - found} subscriber(s) of /{station}/if_samples')
             elif self.settings.pace == 'subscribers' and self.count_publishers(f'/{station}/beat_frequency') == 0:
                 missing.append(f'a publisher of /{station}/beat_frequency')
         if self.settings.mode_control == 'request':
