@@ -234,7 +234,8 @@ def test_moving_crane_is_ranged_without_bias(tmp_path):
     reported = np.array([r.range_std for r in tracked.results])[confirmed]
     velocity = np.array([r.velocity for r in tracked.results])
     assert confirmed.mean() > 0.98
-    assert np.nanmax(velocity) == pytest.approx(2.0, abs=0.02)
+    assert np.nanmedian(velocity[velocity > 1.9]) == pytest.approx(2.0, abs=1e-3)
+    assert np.nanmax(velocity) < 2.05  # a parabola overshoots a little where the acceleration ends
     assert abs(error.mean()) < 5 * reported.mean() / math.sqrt(len(error)) + 0.2e-3
     assert error.std() < 1.3 * np.sqrt(np.mean(reported**2))
     uncorrected = np.array([r.range for r in standing.results]) - truth
