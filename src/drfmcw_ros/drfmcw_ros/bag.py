@@ -3,7 +3,7 @@
 import functools
 import os
 import shutil
-import struct
+import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from drfmcw_physics.settings import ConfigurationError, nearest
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
-from rosbags.serde import SerdeError
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -22,7 +21,7 @@ STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 """Storage formats by the names rosbag2 uses."""
 
 _FOREVER = QosTime(9223372036, 854775807)
-_BROKEN = (ReaderError, OSError, struct.error, AssertionError, KeyError, ValueError, IndexError, EOFError, TypeError)
+_UNWRITABLE = (OSError, sqlite3.Error)
 
 
 class BagError(ConfigurationError):
@@ -59,7 +58,7 @@ class BagReader:
         try:
             self._reader = Reader(source)
             self._reader.open()
-        except _BROKEN as error:
+        except Exception as error:  # damage shows wherever the storage's parser, decompressor or database meets it
             raise BagError(f'{path}: truncated, damaged or no rosbag2 recording ({_reason(error)})') from None
         self._checked: set[str] = set()
 
@@ -135,7 +134,7 @@ class BagReader:
         for topic, time, msgtype, raw in self.raw_messages(topics):
             try:
                 message = store.deserialize_cdr(raw, msgtype)
-            except (SerdeError, *_BROKEN) as error:
+            except Exception as error:  # rosbags raises what its parser meets
                 raise BagError(f"{self.path}: topic '{topic}': message cannot be decoded ({_reason(error)})") from None
             yield topic, time, message
 
@@ -150,14 +149,12 @@ class BagReader:
         try:
             for connection, time, raw in self._reader.messages(chosen):
                 yield connection.topic, time, connection.msgtype, bytes(raw)
-        except BagError:
-            raise
-        except _BROKEN as error:
+        except Exception as error:  # as when opening
             raise BagError(f'{self.path}: truncated or corrupt ({_reason(error)})') from None
 
 
 def _reason(error: BaseException) -> str:
-    text = ' '.join(str(error).split())
+    text = ' '.join(str(getattr(error, 'strerror', None) or error).split())
     return text if text else type(error).__name__
 
 
@@ -204,8 +201,8 @@ class BagWriter:
             self._partial.mkdir(parents=True)
             self._writer = Writer(self._partial / self.path.name, version=9, storage_plugin=STORAGES[storage])
             self._writer.open()
-        except OSError as error:
-            raise BagError(f'{path}: {error.strerror or error}') from None
+        except _UNWRITABLE as error:
+            raise BagError(f'{path}: {_reason(error)}') from None
         self._connections: dict[str, Connection] = {}
         self.message_count = 0
 
@@ -233,8 +230,8 @@ class BagWriter:
             message = typestore().serialize_cdr(message, msgtype)
         try:
             self._writer.write(self._connections[topic], time, message)
-        except OSError as error:
-            raise BagError(f'{self.path}: {error.strerror or error}') from None
+        except _UNWRITABLE as error:
+            raise BagError(f'{self.path}: {_reason(error)}') from None
         self.message_count += 1
 
     def close(self) -> None:
@@ -244,8 +241,8 @@ class BagWriter:
             if self.path.exists():
                 shutil.rmtree(self.path)
             (self._partial / self.path.name).rename(self.path)
-        except OSError as error:
-            raise BagError(f'{self.path}: {error.strerror or error}') from None
+        except _UNWRITABLE as error:
+            raise BagError(f'{self.path}: {_reason(error)}') from None
         finally:
             shutil.rmtree(self._partial, ignore_errors=True)
 
