@@ -109,7 +109,8 @@ def play(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
 def _play(node: PlayerNode, bag: BagReader, arguments: argparse.Namespace) -> None:
     total = bag.message_count * arguments.loop or None
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task('playing', total=total)
         began = time.monotonic()
         skipped = 0.0  # recorded time cut out of long pauses [s]

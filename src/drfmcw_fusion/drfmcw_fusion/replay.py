@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, read_yaml
+from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, nearest, read_yaml
 from drfmcw_ros.bag import BagReader
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from rich.console import Console
@@ -65,13 +65,13 @@ def settings_from(arguments: argparse.Namespace) -> tuple[EstimatorSettings, Fus
     """
     sections: dict = read_yaml(arguments.config) if arguments.config else {}
     where = str(arguments.config)
-    unknown = set(sections) - {'estimator', 'fusion'}
-    if unknown:
-        raise ConfigurationError(f"{where}: unknown key '{sorted(unknown)[0]}'; valid: estimator, fusion")
-    estimator_values = dict(sections.get('estimator') or {})
+    for key in sections:
+        if key not in ('estimator', 'fusion'):
+            raise ConfigurationError(f"{where}: unknown key '{key}'{nearest(key, ('estimator', 'fusion'))}")
+    estimator = from_mapping(EstimatorSettings, sections.get('estimator'), f'{where}: estimator')
     if arguments.window:
-        estimator_values['window'] = arguments.window
-    estimator = from_mapping(EstimatorSettings, estimator_values, f'{where}: estimator' if arguments.config else 'options')
+        from_mapping(EstimatorSettings, {'window': arguments.window}, 'options')  # refuses an unknown one
+        estimator = dataclasses.replace(estimator, window=arguments.window)
     fusion = from_mapping(FusionSettings, sections.get('fusion'), f'{where}: fusion')
     chosen = {name: getattr(arguments, name) for name in ('atmosphere', 'velocity') if getattr(arguments, name)}
     if arguments.no_alpha:
@@ -83,7 +83,7 @@ def _offline(arguments: argparse.Namespace) -> int:
     estimator, fusion = settings_from(arguments)
     if not arguments.bin > 0.0:
         raise ConfigurationError(f'--bin = {arguments.bin:g} m must be above zero')
-    quiet = '-' in (arguments.json, arguments.csv)  # the data is what is printed
+    quiet = '-' in (arguments.json, arguments.csv, arguments.results)  # the data is what is printed
     console = Console(stderr=quiet)
     with BagReader(arguments.recording) as bag:
         engine = RecordingReplay(bag, estimator, fusion, arguments.station)
@@ -112,7 +112,8 @@ def _offline(arguments: argparse.Namespace) -> int:
 
 def _with_progress(engine: RecordingReplay, message_count: int) -> Replay:
     columns = (TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:>3.0f} %'), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task('replaying', total=message_count)
         return engine.run(lambda count: progress.update(task, completed=count))
 
