@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drfmcw_node.estimation import EstimatorSettings, Flag, estimator
-from drfmcw_node.parameter_tables import filled
 from drfmcw_node.processing import StationProcessor, Sweep
 from drfmcw_physics.bounds import additive_std
 from drfmcw_physics.oscillators import Calibration
@@ -288,8 +286,3 @@ def test_spectra_are_decimated_by_sweep_number():
     beats, spectra = processor.process_with_spectra(sweeps, every=3)
     assert [s.sweep_id for s in spectra] == [0, 3, 6] and len(beats) == 7
     assert processor.process(sweeps) == beats
-
-
-def test_readme_tables_are_those_of_the_declarations():
-    text = (Path(__file__).parents[1] / 'src/drfmcw_node/README.md').read_text(encoding='utf-8')
-    assert filled(text) == text, 'run python -m drfmcw_node.parameter_tables src/drfmcw_node/README.md'

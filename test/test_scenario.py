@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_physics.sweep import Mode
-from drfmcw_sim import scenario as scenario_module
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.recording import events
 from drfmcw_sim.scenario import read_scenario, scenario_from_mapping
@@ -265,15 +264,3 @@ def test_every_effect_declares_its_parameters():
         assert cls.of in ('station', 'path', 'reference')
         assert cls.__doc__
         assert declared_parameters(cls)
-
-
-def test_readme_documents_every_key():
-    """The package's README names each scenario key, effect and node parameter."""
-    text = (ROOT / 'src' / 'drfmcw_sim' / 'README.md').read_text(encoding='utf-8')
-    classes = [cls for cls in vars(scenario_module).values() if isinstance(cls, type) and dataclasses.is_dataclass(cls)]
-    own = [cls for cls in classes if cls.__module__ == 'drfmcw_sim.scenario'] + [Standing, Drive, Profile]
-    for cls in [*own, *Effect.registry.values()]:
-        for name in declared_parameters(cls):
-            assert f'`{name}`' in text, (cls.__name__, name)
-    for name in Effect.registry:
-        assert f'`{name}`' in text, name

@@ -1,7 +1,7 @@
 """Refractive index of air at microwave frequencies.
 
 The default is ITU-R P.453-14. The paper's eq. 23 is kept as printed, to show what it does: its wet coefficient 0.373
-belongs to hPa while the pressures are in kPa, so humid air comes out up to 60 ppm short (docs/reproduction.md).
+belongs to hPa while the pressures are in kPa, so humid air comes out up to 60 ppm short (docs/paper_errata.md).
 """
 
 import numpy as np

@@ -25,6 +25,8 @@ from drfmcw_ros.config_files import find_config
 from .effects import Effect, effect_from_mapping
 from .trajectory import Drive, Profile, Standing
 
+_PROFILE = 'true value: a number, or `{times: [s], values: []}`'
+
 
 @dataclasses.dataclass(frozen=True)
 class StationSettings:
@@ -58,7 +60,7 @@ class StationSettings:
     )
     adc_bits: int = parameter(14, bounds=(2, 16), description='ADC resolution')
     frame_id: str = parameter('', description="the antenna's frame; empty: <station>_antenna")
-    board_temperature: Profile = Profile([25.0])
+    board_temperature: Profile = parameter(Profile([25.0]), unit='degC', description=_PROFILE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,9 +102,9 @@ class PairSettings:
 class WeatherSettings:
     """Weather on the path, and the noise with which its sensors report it."""
 
-    temperature: Profile = Profile([15.0])
-    pressure: Profile = Profile([101325.0])
-    humidity: Profile = Profile([0.6])
+    temperature: Profile = parameter(Profile([15.0]), unit='degC', description=_PROFILE)
+    pressure: Profile = parameter(Profile([101325.0]), unit='Pa', description=_PROFILE)
+    humidity: Profile = parameter(Profile([0.6]), description=f'relative, 0 ... 1; {_PROFILE}')
     temperature_std: float = parameter(0.2, unit='degC', bounds=(0.0, 50.0), description='noise of the reported value')
     pressure_std: float = parameter(20.0, unit='Pa', bounds=(0.0, 1e4), description='noise of the reported value')
     humidity_std: float = parameter(0.01, bounds=(0.0, 1.0), description='noise of the reported value, 0..1')

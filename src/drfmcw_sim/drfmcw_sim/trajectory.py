@@ -98,6 +98,10 @@ class Profile:
         if any(b <= a for a, b in itertools.pairwise(self.times)):
             raise ConfigurationError('times do not rise')
 
+    def __str__(self) -> str:
+        """Return a constant as its number."""
+        return f'{self.values[0]:g}' if len(self.values) == 1 else f'{self.values} at {self.times} s'
+
     def at(self, time: np.ndarray | float) -> np.ndarray:
         """Return the quantity at `time` [s]; before the first and after the last time it is constant."""
         return np.interp(time, self.times, self.values)
