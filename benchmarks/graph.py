@@ -72,6 +72,8 @@ def _measure(graph: Graph, monitor: RangeMonitor, seconds: float, name: str, con
         time.sleep(0.1)
     end_time, end_cpu = time.time_ns(), {n: _cpu_time(m) for n, m in graph.members.items()}
     time.sleep(1.0)  # what is still on its way
+    for member in graph.tend():
+        raise ConfigurationError(f'graph: {member.name} ended: {graph.last_words(member)}')
     measured = [a for a in monitor.arrivals if begin_time <= a.stamp < end_time]
     if not measured:
         raise ConfigurationError('graph: no range in the measured time')

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from drfmcw_fusion.combination import Station, combine, own_path
+from drfmcw_fusion.combination import PathDelay, Station, combine, own_path
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag, RangeFusion
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_fusion.statistics import reference_at
+from drfmcw_fusion.tracking import VelocityTracker
 from drfmcw_node.processing import Beat
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
@@ -250,3 +251,19 @@ def test_crane_already_moving_when_measurement_begins(tmp_path):
     cruising = [r for r in replay.results[100:-100] if not r.flags & Flag.UNKNOWN_VELOCITY]
     assert len(cruising) > 500
     assert np.median([r.velocity for r in cruising]) == pytest.approx(1.5, abs=0.01)
+
+
+def test_distance_that_jumps_is_no_velocity(tmp_path):
+    """A player that starts again from the beginning, a crane that was towed while switched off: tracking starts anew."""
+    path = str(record(scene({'standing': {'distances': [100.0], 'sweeps': 20}}), tmp_path / 'near'))
+    far = str(record(scene({'standing': {'distances': [110.0], 'sweeps': 20}}), tmp_path / 'far'))
+    near_results, far_results = replay_recording(path).results, replay_recording(far).results
+    tracker = VelocityTracker(maximum_velocity=10.0, maximum_acceleration=0.3)
+    speeds = []
+    for number, r in enumerate([*near_results, *far_results]):
+        delay = PathDelay(r.path_delay, r.path_delay, 0.0, r.carrier_phase, 5e-4, 5.8e9)
+        motion = tracker.update(START + number * 1_000_000, delay, r.range, r.range_std, r.refractive_index)
+        speeds.append(motion.velocity)
+    assert np.isnan(speeds[20:24]).any()
+    assert np.nanmax(np.abs(speeds)) < 10.0
+    assert abs(speeds[-1]) < 0.2

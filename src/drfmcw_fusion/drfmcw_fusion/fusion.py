@@ -33,6 +33,8 @@ _WEATHER_TYPES = {
     '/site/pressure': FluidPressure,
     '/site/humidity': RelativeHumidity,
 }
+_LARGEST_FLOAT = 3.4e38  # of a float32 field
+_GATHER = 0.5e-3  # of the stations' results [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
 
@@ -104,7 +106,9 @@ class FusionNode(Node):
         self._first.subscription(SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)
         self._first.subscription(StationCalibration, f'/{station}/calibration', self._calibration, latched)
         self._first.subscription(StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
-        qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.RELIABLE, batch=True)
+        qos.subscription(
+            self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.RELIABLE, batch=True, gather=_GATHER
+        )
         for pair in self._pairs:
             if station in pair and pair[0] != pair[1]:
                 peer = pair[1] if station == pair[0] else pair[0]
@@ -166,7 +170,7 @@ class FusionNode(Node):
         message.field_of_view = self._pair_settings.value.field_of_view
         message.min_range = settings.minimum_range
         message.max_range = settings.maximum_range
-        message.variance = result.range_std**2
+        message.variance = min(result.range_std**2, _LARGEST_FLOAT)
         if result.flags & _UNUSABLE:
             message.range = math.nan
         elif result.flags & Flag.OUT_OF_LIMITS:

@@ -267,7 +267,10 @@ class RangeFusion:
         if self.settings.velocity == 'standing' or first is second:
             return STANDING if self.settings.velocity == 'standing' else UNKNOWN
         key = (first.sweep.station, second.sweep.station)
-        tracker = self._trackers.setdefault(key, VelocityTracker(self.settings.maximum_acceleration))
+        if key not in self._trackers:
+            limits = (self.settings.maximum_velocity, self.settings.maximum_acceleration)
+            self._trackers[key] = VelocityTracker(*limits)
+        tracker = self._trackers[key]
         doubtful = Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY
         setting = (first.sweep.mode, first.sweep.start_delay)
         if self._tracked_setting.setdefault(key, setting) != setting:

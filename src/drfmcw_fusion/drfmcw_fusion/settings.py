@@ -45,6 +45,9 @@ class FusionSettings:
         choices=('tracked', 'standing'),
         description="'tracked' estimates the velocity and corrects its Doppler shift, 'standing' assumes none",
     )
+    maximum_velocity: float = parameter(
+        10.0, unit='m/s', bounds=(1e-3, 1e4), description='a faster range rate is a jump, after which tracking starts anew'
+    )
     maximum_acceleration: float = parameter(
         0.3, unit='m/s^2', bounds=(1e-3, 100.0), description='what the crane can accelerate; decides how phases unwrap'
     )

@@ -64,8 +64,14 @@ class _Point:
 class VelocityTracker:
     """Follows one pair's movement by its carrier phase, or by its ranges where sweeps are too far apart for that."""
 
-    def __init__(self, maximum_acceleration: float) -> None:
-        """Start with nothing known; `maximum_acceleration` in m/s^2."""
+    def __init__(self, maximum_velocity: float, maximum_acceleration: float) -> None:
+        """Start with nothing known.
+
+        Args:
+            maximum_velocity: beyond it the distance has jumped [m/s].
+            maximum_acceleration: what can change the velocity between two sweeps [m/s^2].
+        """
+        self._maximum_velocity = maximum_velocity
         self._maximum_acceleration = maximum_acceleration
         # sweeps that the phases could be followed through without a break
         self._track: collections.deque[_Point] = collections.deque(maxlen=_TRACK_LENGTH)
@@ -125,8 +131,19 @@ class VelocityTracker:
         elif math.isnan(motion.velocity) or self._fitted_to_ranges:
             motion = self._fit_ranges()
         self._fitted_to_ranges = len(self._track) == 1
+        if abs(motion.velocity) > self._maximum_velocity:
+            self._begin_anew(point)
+            motion = UNKNOWN
         self._velocity = motion.velocity
         return motion
+
+    def _begin_anew(self, point: _Point) -> None:
+        """Forget everything before a sweep to which the distance has jumped."""
+        point.moved = 0.0
+        for points in (self._track, self._recent):
+            points.clear()
+            points.append(point)
+        self._confirmed = False
 
     def _phase_step(self, phase: float, step_time: float, half_wave: float) -> float:
         """Return the displacement since the last sweep [m], NaN where it cannot be told from the phases."""

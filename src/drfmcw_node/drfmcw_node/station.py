@@ -39,6 +39,7 @@ from .station_settings import Housekeeping, StationSettings, check_complete
 
 _NANOSECONDS = 1_000_000_000
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
+_GATHER = 1.5e-3  # of sweeps that are evaluated together [s]
 _EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
 _EARLY_COUNT = 4000  # and how many of them
 
@@ -124,7 +125,8 @@ class StationNode(Node):
         self._first.subscription(SweepConfig, self._topic('sweep_config'), self._take_sweep_config, latched)
         self._first.subscription(StationCalibration, self._topic('calibration'), self._take_calibration, latched)
         if settings.source == 'topic':
-            qos.subscription(self, IfSamples, self._topic('if_samples'), self._take_samples, qos.RELIABLE, batch=True)
+            topic = self._topic('if_samples')
+            qos.subscription(self, IfSamples, topic, self._take_samples, qos.RELIABLE, batch=True, gather=_GATHER)
         else:
             qos.subscription(
                 self,

@@ -1,5 +1,6 @@
 """QoS profiles of the contract, and publishers and subscriptions that use them and can be overridden by parameters."""
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -72,6 +73,7 @@ def subscription(
     batch: bool = False,
     instance: str | None = None,
     raw: bool = False,
+    gather: float = 0.0,
 ) -> Subscription:
     """Create a subscription whose QoS can be overridden by parameters.
 
@@ -85,10 +87,14 @@ def subscription(
         batch: see callback.
         instance: distinguishes several subscriptions of one node on one topic.
         raw: messages stay serialised (bytes).
+        gather: with `batch`, how long to let further messages arrive before taking them all [s]. Waking up costs rclpy
+            more than a sweep costs to evaluate: 2 ms of it halve the load at 1000 sweeps/s.
     """
     created: list[Subscription] = []
 
     def drain(first: Any) -> None:
+        if gather > 0.0:
+            time.sleep(gather)
         messages = [first]
         handle = created[0].handle
         while len(messages) < profile.depth:
