@@ -120,8 +120,8 @@ def figure(results: Sequence[RangeResult], reference: Reference, rows: Sequence[
         over_time.plot((stamps - start) * 1e-9, ranges, '.', markersize=2, color=color, label=name)
         distance = np.where(np.isfinite(truth), truth, ranges)
         error_axis.plot(distance, (ranges - truth) * 1e3, '.', markersize=2, alpha=0.4, color=color)
-        stats = [row for row in rows if row.pair == name and row.n > 1]
-        at = [row.reference if row.reference is not None else row.range for row in stats]
+        stats = sorted((row for row in rows if row.pair == name and row.n > 1), key=_distance)
+        at = [_distance(row) for row in stats]
         if any(row.bias is not None for row in stats):
             error_axis.errorbar(
                 at,
@@ -157,6 +157,10 @@ def figure(results: Sequence[RangeResult], reference: Reference, rows: Sequence[
         error_axis.text(0.5, 0.5, 'no reference in this recording', ha='center', transform=error_axis.transAxes)
     std_axis.set_ylim(bottom=0.0)
     return shown
+
+
+def _distance(row: SettingStatistics) -> float:
+    return row.range if row.reference is None else row.reference
 
 
 def write_plot(

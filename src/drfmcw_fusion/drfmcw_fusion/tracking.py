@@ -19,8 +19,8 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from .combination import PathDelay
 
 _TRACK_LENGTH = 24  # sweeps over which ranges and phases are compared
-_FIT_LENGTH = 6  # sweeps over which the velocity is fitted to the phases
-_FIT_DURATION = 0.6  # and for how long at most [s]
+_FIT_LENGTH = 5  # sweeps over which the velocity is fitted to the phases
+_FIT_DURATION = 0.8  # and for how long at most [s]
 _RANGE_FIT_DURATION = 5.0  # for how long at most it is fitted to the ranges, where the phases cannot be followed [s]
 _RANGE_FIT_MINIMUM = 6  # sweeps that takes
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
@@ -190,8 +190,8 @@ class VelocityTracker:
         newest = self._track[-1]
         recent = [p for p in list(self._track)[-_FIT_LENGTH:] if (newest.stamp - p.stamp) * 1e-9 <= _FIT_DURATION]
         times = [(p.stamp - newest.stamp) * 1e-9 for p in recent]
-        velocity, std = _slope_at_end(times, [p.moved for p in recent], with_curvature=len(recent) > 4)
-        if len(recent) <= 4:  # a line lags behind by half its length
+        velocity, std = _slope_at_end(times, [p.moved for p in recent], with_curvature=len(recent) > 3)
+        if len(recent) <= 3:  # a line lags behind by half its length
             std = math.hypot(std, self._maximum_acceleration * -times[0] / math.sqrt(12.0))
         return Motion(velocity, std, self._confirmed)
 

@@ -39,7 +39,7 @@ from .station_settings import Housekeeping, StationSettings, check_complete
 
 _NANOSECONDS = 1_000_000_000
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
-_GATHER = 1.5e-3  # of sweeps that are evaluated together [s]
+_GATHER = 1e-3  # of sweeps that are evaluated together [s]
 _EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
 _EARLY_COUNT = 4000  # and how many of them
 
