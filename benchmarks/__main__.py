@@ -4,10 +4,11 @@ import argparse
 import json
 import sys
 
-from drfmcw_ros.cli import Parser, guarded, write_atomically
 from graph import bench_graph
 from rich.console import Console
 from rich.table import Table
+
+from drfmcw_ros.cli import Parser, guarded, write_atomically
 
 BENCHMARKS = {'graph': bench_graph}
 

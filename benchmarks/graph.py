@@ -8,16 +8,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from figures import Figure
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
 from drfmcw_bringup.graph import FUSION, REPLAY, SIMULATOR, STATION, Graph, Member, parameters, private_environment
 from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import read_scenario
-from figures import Figure
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
 
 _PAIR, _STATIONS = 'master/slave', ('master', 'slave')
 _TICKS = os.sysconf('SC_CLK_TCK')
@@ -112,7 +113,9 @@ def _runs(seconds: float, directory: Path, console: Console) -> Iterator[tuple[s
             else:
                 played = directory / 'played'
                 write_recording(read_scenario(scenario, _scenario_overrides(rate / _SPEED_UP, _RECORDED)), played)
-                graph.start('player', REPLAY, str(played), '--publish', '--restamp', '--loop', '0', '--rate', str(_SPEED_UP))
+                graph.start(
+                    'player', REPLAY, str(played), '--publish', '--restamp', '--loop', '0', '--rate', str(_SPEED_UP)
+                )
             yield name, rate, _measure(graph, monitor, seconds, name, console)
 
 

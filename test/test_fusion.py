@@ -1,4 +1,4 @@
-"""From beat frequencies to ranges: identities, corrections, pairing, movement, and a standard deviation that is true."""
+"""From beat frequencies to ranges: identities, corrections, pairing, movement, a true standard deviation."""
 
 import dataclasses
 import itertools
@@ -6,6 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scenes import record, scene
+from scipy import stats
+
 from drfmcw_fusion.combination import PathDelay, Station, combine, own_path
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag, RangeFusion
@@ -17,10 +22,6 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
-from hypothesis import assume, given
-from hypothesis import strategies as st
-from scenes import record, scene
-from scipy import stats
 
 START = 1_700_000_000_000_000_000
 ppm = st.floats(-30.0, 30.0)
@@ -54,9 +55,7 @@ def lines(sweep, delay, a1, a2, b1, b2):
     return (ramp_1(t1) - ramp_2(t1 - delay)) / b1, (ramp_1(t2 - delay) - ramp_2(t2)) / b2
 
 
-@given(
-    st.sampled_from(Mode), st.floats(1e-7, 3e-6), st.floats(0.0, 4e-6), ppm, ppm, ppm, ppm, st.sampled_from([1, -1])
-)
+@given(st.sampled_from(Mode), st.floats(1e-7, 3e-6), st.floats(0.0, 4e-6), ppm, ppm, ppm, ppm, st.sampled_from([1, -1]))
 def test_delay_is_exact_for_any_clocks_and_start_delay(mode, delay, start_delay, p1, p2, q1, q2, slope):
     """The delay comes back to a tenth of a picosecond: T_off, offsets and clocks cancel or are corrected exactly."""
     a1, a2, b1, b2 = (1 + p * 1e-6 for p in (p1, p2, q1, q2))
@@ -78,13 +77,17 @@ def test_uncorrected_clocks_cost_what_equation_21_says():
     one, two = (settings(role, Mode.SHORT_DISTANCE, 3.41e-6) for role in (Role.FIRST, Role.SECOND))
     f1, f2 = lines(one, delay, a1, a2, 1.0, 1.0)
     path = combine(
-        Station(beat(one, f1), one, calibration('master', a1)), Station(beat(two, f2), two, calibration('slave', a2)), 'hann'
+        Station(beat(one, f1), one, calibration('master', a1)),
+        Station(beat(two, f2), two, calibration('slave', a2)),
+        'hann',
     )
     bias = (path.uncorrected - path.delay) * SPEED_OF_LIGHT
     assert bias == pytest.approx(delay * SPEED_OF_LIGHT * (a1**2 + a2**2 - 2) / 2, abs=1e-6)
 
 
-@pytest.mark.parametrize(('mode', 'distance', 'bias'), [(Mode.SHORT_DISTANCE, 200, 10e-3), (Mode.LONG_DISTANCE, 1000, -10e-3)])
+@pytest.mark.parametrize(
+    ('mode', 'distance', 'bias'), [(Mode.SHORT_DISTANCE, 200, 10e-3), (Mode.LONG_DISTANCE, 1000, -10e-3)]
+)
 def test_adc_clock_of_station_2_off_by_20_ppm(mode, distance, bias):
     """limits.md: +10 mm (SD, 200 m) or -10 mm (LD, 1 km), since T_off no longer cancels."""
     late = 4e-6 if mode == Mode.SHORT_DISTANCE else 0.0
@@ -174,7 +177,10 @@ def test_same_number_of_another_run_is_no_partner():
     [
         (lambda f: f.add_weather('pressure', START - 1_000_000_000_000, 1e5), Flag.STALE_ENVIRONMENT),
         (lambda f: f.add_board_temperature('slave', START, 80.0), Flag.STALE_CALIBRATION),
-        (lambda f: f.add_sweep_config(SweepSettings('slave', 'master', role=2, mode=1, stamp=START)), Flag.MODE_MISMATCH),
+        (
+            lambda f: f.add_sweep_config(SweepSettings('slave', 'master', role=2, mode=1, stamp=START)),
+            Flag.MODE_MISMATCH,
+        ),
     ],
 )
 def test_doubts_are_flagged(prepare, flag):
@@ -186,7 +192,9 @@ def test_doubts_are_flagged(prepare, flag):
     assert result.flags & flag
 
 
-@pytest.mark.parametrize(('beat_flags', 'flag'), [(1, Flag.WEAK_SIGNAL), (2, Flag.SIGNAL_QUALITY), (16, Flag.SIGNAL_QUALITY)])
+@pytest.mark.parametrize(
+    ('beat_flags', 'flag'), [(1, Flag.WEAK_SIGNAL), (2, Flag.SIGNAL_QUALITY), (16, Flag.SIGNAL_QUALITY)]
+)
 def test_doubts_of_a_station_reach_the_range(beat_flags, flag):
     fusion = fusion_of([('master', 'slave')])
     one, other = pair_of_beats(0)
@@ -254,7 +262,7 @@ def test_crane_already_moving_when_measurement_begins(tmp_path):
 
 
 def test_distance_that_jumps_is_no_velocity(tmp_path):
-    """A player that starts again from the beginning, a crane that was towed while switched off: tracking starts anew."""
+    """A player that starts again from the beginning, a crane towed while switched off: tracking starts anew."""
     path = str(record(scene({'standing': {'distances': [100.0], 'sweeps': 20}}), tmp_path / 'near'))
     far = str(record(scene({'standing': {'distances': [110.0], 'sweeps': 20}}), tmp_path / 'far'))
     near_results, far_results = replay_recording(path).results, replay_recording(far).results

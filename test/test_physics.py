@@ -4,6 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from drfmcw_physics import air, bounds, link_budget
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.history import History
@@ -11,8 +14,6 @@ from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import range_bias
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
-from hypothesis import given
-from hypothesis import strategies as st
 
 NOISE = PhaseNoise(-90.0, 200e3)
 FLOOR_A, FLOOR_B = -97.7, -80.6  # dBm in the whole IF band

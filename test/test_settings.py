@@ -3,9 +3,10 @@
 import dataclasses
 
 import pytest
-from drfmcw_physics.settings import ConfigurationError, from_mapping, parameter, read_yaml
 from hypothesis import given
 from hypothesis import strategies as st
+
+from drfmcw_physics.settings import ConfigurationError, from_mapping, parameter, read_yaml
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,28 +4,28 @@ from glob import glob
 
 from setuptools import find_packages, setup
 
-NAME = "drfmcw_bringup"
+NAME = 'drfmcw_bringup'
 
 setup(
     name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
     data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
-        ("share/" + NAME, ["package.xml"]),
-        ("share/" + NAME + "/launch", sorted(glob("launch/*.launch.py"))),
-        ("share/" + NAME + "/config", sorted(glob("config/*.yaml"))),
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml']),
+        ('share/' + NAME + '/launch', sorted(glob('launch/*.launch.py'))),
+        ('share/' + NAME + '/config', sorted(glob('config/*.yaml'))),
     ],
-    install_requires=["setuptools"],
+    install_requires=['setuptools'],
     zip_safe=True,
-    maintainer="drfmcw maintainers",
-    maintainer_email="drfmcw@example.com",
-    description="Launch files, parameter files and the processes of a whole graph",
-    license="Apache-2.0",
+    maintainer='drfmcw maintainers',
+    maintainer_email='drfmcw@example.com',
+    description='Launch files, parameter files and the processes of a whole graph',
+    license='Apache-2.0',
     entry_points={
-        "console_scripts": [
-            "run = drfmcw_bringup.run:main",
-            "demo = drfmcw_bringup.demo:main",
+        'console_scripts': [
+            'run = drfmcw_bringup.run:main',
+            'demo = drfmcw_bringup.demo:main',
         ],
     },
 )

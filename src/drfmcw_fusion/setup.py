@@ -2,28 +2,28 @@
 
 from setuptools import find_packages, setup
 
-NAME = "drfmcw_fusion"
+NAME = 'drfmcw_fusion'
 
 setup(
     name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
     data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
-        ("share/" + NAME, ["package.xml"]),
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml']),
     ],
-    install_requires=["setuptools"],
+    install_requires=['setuptools'],
     zip_safe=True,
-    maintainer="drfmcw maintainers",
-    maintainer_email="drfmcw@example.com",
-    description="From the beat frequencies of two stations to their distance",
-    license="Apache-2.0",
+    maintainer='drfmcw maintainers',
+    maintainer_email='drfmcw@example.com',
+    description='From the beat frequencies of two stations to their distance',
+    license='Apache-2.0',
     entry_points={
-        "console_scripts": [
-            "fusion = drfmcw_fusion.fusion:main",
-            "record = drfmcw_fusion.record:main",
-            "replay = drfmcw_fusion.replay:main",
-            "info = drfmcw_fusion.info:main",
+        'console_scripts': [
+            'fusion = drfmcw_fusion.fusion:main',
+            'record = drfmcw_fusion.record:main',
+            'replay = drfmcw_fusion.replay:main',
+            'info = drfmcw_fusion.info:main',
         ],
     },
 )

@@ -2,20 +2,20 @@
 
 from setuptools import find_packages, setup
 
-NAME = "drfmcw_ros"
+NAME = 'drfmcw_ros'
 
 setup(
     name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
     data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
-        ("share/" + NAME, ["package.xml"]),
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml']),
     ],
-    install_requires=["setuptools"],
+    install_requires=['setuptools'],
     zip_safe=True,
-    maintainer="drfmcw maintainers",
-    maintainer_email="drfmcw@example.com",
-    description="Plumbing that every node of drfmcw shares",
-    license="Apache-2.0",
+    maintainer='drfmcw maintainers',
+    maintainer_email='drfmcw@example.com',
+    description='Plumbing that every node of drfmcw shares',
+    license='Apache-2.0',
 )

@@ -7,6 +7,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.report import summary, table, write_plot
 from drfmcw_fusion.statistics import setting_statistics
@@ -16,8 +19,6 @@ from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 from drfmcw_sim.timeline import Timeline
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from .graph import Graph, private_environment
 from .monitor import monitored

@@ -52,7 +52,9 @@ def parameters(values: Mapping[str, object]) -> list[str]:
     """Return the ROS arguments that set parameters to `values` (strings, numbers, booleans)."""
     arguments = ['--ros-args']
     for name, value in values.items():
-        text = str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
+        text = (
+            str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
+        )
         arguments += ['-p', f'{name}:={text}']
     return arguments
 
@@ -93,7 +95,7 @@ class Graph:
         self.members: dict[str, Member] = {}
 
     def start(self, name: str, module: str, *arguments: str, keep_alive: bool = False) -> Member:
-        """Start `python -m module arguments` under a name of its own; with `keep_alive` it is restarted when it dies."""
+        """Start `python -m module arguments` under a name; with `keep_alive` it is restarted when it dies."""
         log = None
         if self._log_directory is not None:
             self._log_directory.mkdir(parents=True, exist_ok=True)

@@ -9,10 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import rclpy
 from drfmcw_msgs.msg import RangeEstimate
-from drfmcw_ros import qos
-from drfmcw_ros.messages import stamp_ns
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+
+from drfmcw_ros import qos
+from drfmcw_ros.messages import stamp_ns
 
 _RATE_TIME = 2.0  # over which the rate is counted [s]
 

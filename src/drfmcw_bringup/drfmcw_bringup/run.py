@@ -5,13 +5,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
-from rich.console import Console
-from rich.live import Live
-from rich.text import Text
 
 from .graph import FUSION, RECORDER, SIMULATOR, STATION, Graph, parameters
 from .monitor import RangeMonitor, monitored

@@ -1,14 +1,15 @@
 """A whole simulated site: simulator, one process per station, fusion.
 
-    ros2 launch drfmcw_bringup crane.launch.py scenario:=tdma
+ros2 launch drfmcw_bringup crane.launch.py scenario:=tdma
 """
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
 
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import read_scenario
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
 
 
 def generate_launch_description():

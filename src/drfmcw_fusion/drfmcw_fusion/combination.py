@@ -113,7 +113,9 @@ def _delay_std(first: Station, second: Station, delay: float, window: str) -> fl
     """
     start, end = first.sweep.analysis_window()
     duration = end - start
-    oscillators = [PhaseNoise(s.calibration.phase_noise_level, s.calibration.phase_noise_corner) for s in (first, second)]
+    oscillators = [
+        PhaseNoise(s.calibration.phase_noise_level, s.calibration.phase_noise_corner) for s in (first, second)
+    ]
     if not all(oscillator.known for oscillator in oscillators):
         variance = first.beat.frequency_std**2 + second.beat.frequency_std**2
     else:
@@ -133,4 +135,3 @@ def _delay_std(first: Station, second: Station, delay: float, window: str) -> fl
 @functools.lru_cache(maxsize=65536)
 def _phase_noise_std(noise: PhaseNoise, duration: float, window: str, delay: float) -> float:
     return bounds.phase_noise_std(noise, duration, window, delay)
-

@@ -1,4 +1,4 @@
-"""Fusion node: pairs of stations' beat frequencies in, ranges out; asks the stations for the mode the distance needs."""
+"""Fusion node: pairs of stations' beat frequencies in, ranges out; asks for the mode that the distance needs."""
 
 import dataclasses
 import functools
@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
+from rclpy.node import Node
+from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
+
 from drfmcw_node.processing import Beat
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import Calibration
@@ -20,8 +23,6 @@ from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
 from drfmcw_ros.messages import from_message, stamp_ns, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
-from rclpy.node import Node
-from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from .offline import read_weather
 from .pipeline import Flag, RangeFusion, RangeResult
@@ -205,7 +206,9 @@ class FusionNode(Node):
             status.report(ERROR if state.newest is None else WARN, 'no range in the last second')
         elif state.flagged:
             doubts = [flag.name.lower() for flag in Flag if flag and state.newest.flags & flag]
-            status.report(WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {", ".join(doubts) or "none"}')
+            status.report(
+                WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {", ".join(doubts) or "none"}'
+            )
         status.value('ranges per second', state.ranges)
         if state.newest is not None:
             status.value('range [m]', state.newest.range)

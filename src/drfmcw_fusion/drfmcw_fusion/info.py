@@ -7,15 +7,16 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros.bag import BagReader
 from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.messages import from_message
 from drfmcw_ros.topics import SITE_TOPICS, split_station_topic
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 
 def describe(path: str) -> dict[str, Any]:
@@ -55,8 +56,12 @@ def _missing(stations: Sequence[str], topics: set[str]) -> list[str]:
 
 
 def _show(found: dict[str, Any], console: Console) -> None:
-    when = datetime.fromtimestamp(found['start'] * 1e-9, UTC).isoformat(' ', 'seconds') if found['messages'] else 'empty'
-    console.print(f'{found["recording"]}: {when}, {found["duration"]:.1f} s, {found["messages"]} messages', highlight=False)
+    when = (
+        datetime.fromtimestamp(found['start'] * 1e-9, UTC).isoformat(' ', 'seconds') if found['messages'] else 'empty'
+    )
+    console.print(
+        f'{found["recording"]}: {when}, {found["duration"]:.1f} s, {found["messages"]} messages', highlight=False
+    )
     topics = Table('topic', 'type', 'messages', header_style='bold')
     for topic, about in sorted(found['topics'].items()):
         topics.add_row(topic, about['type'], str(about['messages']))

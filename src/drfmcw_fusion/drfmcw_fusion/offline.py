@@ -5,6 +5,7 @@ import dataclasses
 from collections.abc import Callable, Iterator
 
 import numpy as np
+
 from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_node.processing import Beat, StationProcessor, Sweep
 from drfmcw_physics.oscillators import Calibration

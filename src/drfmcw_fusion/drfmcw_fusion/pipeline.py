@@ -1,4 +1,4 @@
-"""From beats to ranges: pairing, look-up of settings by stamp, corrections, flags. The live node and the replay share it."""
+"""From beats to ranges: pairing, look-up of settings by stamp, corrections, flags. Live node and replay share it."""
 
 import dataclasses
 import enum
@@ -276,7 +276,7 @@ class RangeFusion:
         if self._tracked_setting.setdefault(key, setting) != setting:
             tracker.restart()
             self._tracked_setting[key] = setting
-        if flags & (Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY):
+        if flags & doubtful:
             return tracker.coast(first.beat.stamp)
         return tracker.update(first.beat.stamp, path, standing_range, range_std, index)
 

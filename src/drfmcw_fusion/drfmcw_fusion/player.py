@@ -14,15 +14,16 @@ from typing import Any
 
 import rclpy
 from drfmcw_msgs.msg import BeatFrequency
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 from drfmcw_ros.bag import BagReader
 from drfmcw_ros.messages import NANOSECONDS, message_class
 from drfmcw_ros.topics import is_latched, is_measured, split_station_topic
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 _SETTLE_TIME = 0.25  # between settings and the first sweep that uses them, so that they arrive first [s]
 _LONGEST_PAUSE = 1.0  # a longer one, of a recording made in pieces, is cut to this [s]
@@ -51,7 +52,9 @@ class PlayerNode(Node):
                 self.stations.append(station)
                 if flow_control:
                     answer = functools.partial(self._count, station)
-                    qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', answer, qos.RELIABLE, batch=True)
+                    qos.subscription(
+                        self, BeatFrequency, f'/{station}/beat_frequency', answer, qos.RELIABLE, batch=True
+                    )
 
     def _count(self, station: str, messages: list[BeatFrequency]) -> None:
         with self._answered:
@@ -59,7 +62,7 @@ class PlayerNode(Node):
             self._answered.notify()
 
     def wait_for_subscribers(self, limit: float) -> list[str]:
-        """Wait at most `limit` seconds until each station's samples are taken; return the stations nobody listens to."""
+        """Wait at most `limit` seconds until each station has a listener; return the stations that have none."""
         end = time.monotonic() + limit
         missing = self.stations
         while missing and time.monotonic() < end:
@@ -143,7 +146,7 @@ def _play(node: PlayerNode, bag: BagReader, arguments: argparse.Namespace) -> No
 
 
 def _messages(bag: BagReader, loops: int) -> Iterator[tuple[str, int, bytes]]:
-    """Yield (topic, time [ns], serialised message) of `loops` rounds; later rounds continue stamps and sweep numbers."""
+    """Yield (topic, time [ns], serialised message) of `loops` rounds; stamps and sweep numbers go on."""
     topics = {t for t in bag.topics if is_measured(t)}
     if loops == 1:
         yield from ((topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics))

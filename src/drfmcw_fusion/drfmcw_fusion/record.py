@@ -1,6 +1,7 @@
 """`record`: write the running graph's topics into a rosbag2 recording."""
 
 import argparse
+import collections
 import dataclasses
 import fnmatch
 import functools
@@ -10,14 +11,16 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from rclpy.node import Node
+
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 from drfmcw_ros.bag import STORAGES, BagWriter, typestore
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
 from drfmcw_ros.messages import message_class
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched, is_measured
-from rclpy.node import Node
 
 _LOOK_PERIOD = 0.2  # how often new topics are looked for [s]
 
@@ -45,9 +48,12 @@ class RecorderNode(Node):
         super().__init__('recorder', **kwargs)
         self._settings = settings
         self._writer = BagWriter(path, settings.storage, settings.overwrite)
+        self._counts: collections.Counter[str] = collections.Counter()
         self._known: set[str] = set()
         self._ignored: set[str] = set()
         self._end = time.monotonic() + settings.duration
+        self._diagnostics = Diagnostics(self, 'recorder')
+        self._diagnostics.add('Recording', self._diagnose)
         self._look()
         self._timer = self.create_timer(_LOOK_PERIOD, self._look)
 
@@ -79,6 +85,14 @@ class RecorderNode(Node):
         now = time.time_ns()
         for raw in messages:
             self._writer.write(topic, kind, now, raw)
+        self._counts[topic] += len(messages)
+
+    def _diagnose(self, status: Status) -> None:
+        if not self._known:
+            status.report(WARN, 'nobody publishes what is to be recorded')
+        status.value('recording', self._writer.path)
+        for topic in sorted(self._known):
+            status.value(topic, self._counts[topic])
 
     def destroy_node(self) -> None:
         """Complete the recording, whatever ended the process."""
@@ -92,8 +106,12 @@ class RecorderNode(Node):
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog='drfmcw record', description=__doc__)
     parser.add_argument('recording', help='directory to create')
-    parser.add_argument('--topic', action='append', metavar='PATTERN', help="topics to record ('/master/*'), repeatable")
-    parser.add_argument('--measured', action='store_true', help='only measured topics; the rest can be computed from them')
+    parser.add_argument(
+        '--topic', action='append', metavar='PATTERN', help="topics to record ('/master/*'), repeatable"
+    )
+    parser.add_argument(
+        '--measured', action='store_true', help='only measured topics; the rest can be computed from them'
+    )
     parser.add_argument('--duration', type=float, default=math.inf, metavar='S', help='stop after S seconds')
     parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap', help='storage format (default mcap)')
     parser.add_argument('--force', action='store_true', help='replace a recording of that name')

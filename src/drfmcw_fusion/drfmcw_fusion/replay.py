@@ -6,12 +6,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
 from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, nearest, read_yaml
 from drfmcw_ros.bag import BagReader
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import report
 from .offline import RecordingReplay, Replay
@@ -50,7 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     offline.add_argument('--no-alpha', action='store_true', help='take all clocks as nominal (no eq. 19)')
     live = parser.add_argument_group('into the live graph')
     live.add_argument('--publish', action='store_true', help='publish the measured topics instead')
-    live.add_argument('--rate', type=float, default=1.0, metavar='X', help='play X times as fast; 0: as fast as possible')
+    live.add_argument(
+        '--rate', type=float, default=1.0, metavar='X', help='play X times as fast; 0: as fast as possible'
+    )
     live.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0: until stopped')
     live.add_argument('--restamp', action='store_true', help='move stamps to the time of publishing')
     live.add_argument('--wait', type=float, default=10.0, metavar='S', help='wait at most S for subscribers')
@@ -111,7 +114,12 @@ def _offline(arguments: argparse.Namespace) -> int:
 
 
 def _with_progress(engine: RecordingReplay, message_count: int) -> Replay:
-    columns = (TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:>3.0f} %'), TimeRemainingColumn())
+    columns = (
+        TextColumn('{task.description}'),
+        BarColumn(),
+        TextColumn('{task.percentage:>3.0f} %'),
+        TimeRemainingColumn(),
+    )
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task('replaying', total=message_count)

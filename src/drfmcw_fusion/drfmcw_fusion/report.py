@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drfmcw_ros.cli import write_atomically
 from rich.markup import escape
 from rich.table import Table
+
+from drfmcw_ros.cli import write_atomically
 
 from .offline import Reference
 from .pipeline import RangeResult
@@ -62,7 +63,12 @@ def table(rows: Sequence[SettingStatistics], title: str) -> Table:
     several = len({row.pair for row in rows}) > 1
     referenced = any(row.reference is not None for row in rows)
     shown = Table(title=title, title_justify='left', header_style='bold')
-    for name, wanted in (('pair', several), ('mode', True), ('reference [m]', referenced), ('range [m]', not referenced)):
+    for name, wanted in (
+        ('pair', several),
+        ('mode', True),
+        ('reference [m]', referenced),
+        ('range [m]', not referenced),
+    ):
         if wanted:
             shown.add_column(escape(name), justify='left' if name in ('pair', 'mode') else 'right')
     if not referenced:
@@ -138,7 +144,9 @@ def figure(results: Sequence[RangeResult], reference: Reference, rows: Sequence[
         instrument = " with the reference's own" if any(row.reference_std for row in stats) else ''
         std_axis.plot(at, expected, '-', linewidth=1, color=color, label=f'{name}: reported{instrument}')
     if len(reference.stamps):
-        over_time.plot((reference.stamps - start) * 1e-9, reference.ranges, '-', color='0.5', linewidth=0.8, label='reference')
+        over_time.plot(
+            (reference.stamps - start) * 1e-9, reference.ranges, '-', color='0.5', linewidth=0.8, label='reference'
+        )
     for axis, x, y in (
         (over_time, 'time [s]', 'range [m]'),
         (error_axis, 'distance [m]', 'error against reference [mm]'),

@@ -11,7 +11,8 @@ class FusionSettings:
     """How beat frequencies become ranges; each field is a ROS parameter and a key of the site file."""
 
     window: str = parameter(
-        'hann', description="window of the stations' estimator (scipy.signal.get_window name), for the standard deviation"
+        'hann',
+        description="window of the stations' estimator (scipy.signal.get_window name), for the standard deviation",
     )
     pair_time_limit: float = parameter(
         1.0, unit='s', bounds=(1e-3, 60.0), description='how long a result waits for its partner of the same sweep'
@@ -26,9 +27,7 @@ class FusionSettings:
     default_pressure: float = parameter(
         101325.0, unit='Pa', bounds=(3e4, 1.2e5), description='air pressure until a reading arrives'
     )
-    default_humidity: float = parameter(
-        0.5, bounds=(0.0, 1.0), description='relative humidity until a reading arrives'
-    )
+    default_humidity: float = parameter(0.5, bounds=(0.0, 1.0), description='relative humidity until a reading arrives')
     environment_time_limit: float = parameter(
         900.0, unit='s', bounds=(1.0, 1e6), description='age beyond which a weather reading counts as stale'
     )
@@ -46,7 +45,10 @@ class FusionSettings:
         description="'tracked' estimates the velocity and corrects its Doppler shift, 'standing' assumes none",
     )
     maximum_velocity: float = parameter(
-        10.0, unit='m/s', bounds=(1e-3, 1e4), description='a faster range rate is a jump, after which tracking starts anew'
+        10.0,
+        unit='m/s',
+        bounds=(1e-3, 1e4),
+        description='a faster range rate is a jump, after which tracking starts anew',
     )
     maximum_acceleration: float = parameter(
         0.3, unit='m/s^2', bounds=(1e-3, 100.0), description='what the crane can accelerate; decides how phases unwrap'

@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
+
 from drfmcw_physics.sweep import Mode
 
 from .offline import Reference
@@ -78,7 +79,9 @@ def setting_statistics(
         stamps = np.array([r.stamp for r in own], dtype=np.int64)
         truth = reference_at(reference, stamps)
         distance = np.where(np.isfinite(truth), truth, [r.range for r in own])
-        settings = _settings(stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(reference.stamps)))
+        settings = _settings(
+            stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(reference.stamps))
+        )
         drives: dict[tuple[int, int], list[int]] = {}
         for setting in settings:
             if np.ptp(distance[setting]) <= _DRIVE:

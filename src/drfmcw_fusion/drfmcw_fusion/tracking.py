@@ -2,10 +2,10 @@
 
 A crane that moves at v shifts both lines by the Doppler frequency: the range comes out f_c T_sw / B_sw v too long
 (38.67 mm per m/s with Table 1 of the paper, which leaves it out). The sum of both stations' carrier phases repeats
-every half wavelength (25.84 mm) and follows the movement to hundredths of a millimetre, so two sweeps give the velocity,
-up to a whole number of half wavelengths between them. That number is taken from the movement before (a standing crane at
-the start), and checked against the ranges: where it is wrong, ranges and phases drift apart by whole half wavelengths
-per sweep.
+every half wavelength (25.84 mm) and follows the movement to hundredths of a millimetre, so two sweeps give the
+velocity, up to a whole number of half wavelengths between them. That number is taken from the movement before (a
+standing crane at the start), and checked against the ranges: where it is wrong, ranges and phases drift apart by whole
+half wavelengths per sweep.
 """
 
 import collections
@@ -94,7 +94,9 @@ class VelocityTracker:
             return UNKNOWN
         return Motion(self._velocity, self._maximum_acceleration * pause / math.sqrt(3.0), self._confirmed)
 
-    def update(self, stamp: int, path: PathDelay, measured_range: float, range_std: float, refractive_index: float) -> Motion:
+    def update(
+        self, stamp: int, path: PathDelay, measured_range: float, range_std: float, refractive_index: float
+    ) -> Motion:
         """Take in one sweep and return the velocity at its start.
 
         Args:

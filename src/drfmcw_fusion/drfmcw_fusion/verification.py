@@ -4,9 +4,10 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+from rich.console import Console
+
 from drfmcw_ros.bag import BagError, BagReader
 from drfmcw_ros.messages import stamp_ns
-from rich.console import Console
 
 from .pipeline import RangeResult
 

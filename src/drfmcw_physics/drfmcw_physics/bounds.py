@@ -1,8 +1,8 @@
-"""How well a beat frequency can be estimated: standard deviations of windowed estimators under additive and phase noise.
+"""How well a beat frequency can be estimated by windowed estimators under additive and phase noise.
 
 Every estimator here is, for small errors, a weighted slope of the phase: with window w(t) the peak of the windowed
-spectrum moves by integral w (t - t_c) phi dt / (2 pi integral w (t - t_c)^2 dt). Additive noise adds a white phase error,
-an oscillator its phase noise, both weighted alike.
+spectrum moves by integral w (t - t_c) phi dt / (2 pi integral w (t - t_c)^2 dt). Additive noise adds a white phase
+error, an oscillator its phase noise, both weighted alike.
 """
 
 import functools

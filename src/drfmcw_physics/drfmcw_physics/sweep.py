@@ -142,7 +142,9 @@ def beat_frequency(sweep: SweepSettings, delay: float, alpha_own: float, alpha_p
     start, end = sweep.analysis_window()
     # absolute time of the window centre since station 1's start: both stations' windows share it
     t = (start + end) / 2 + (sweep.start_delay if sweep.role == Role.SECOND else 0.0)
-    common = sweep.start_frequency * (first - second) + k * t * (first**2 - second**2) + k * second**2 * sweep.start_delay
+    common = (
+        sweep.start_frequency * (first - second) + k * t * (first**2 - second**2) + k * second**2 * sweep.start_delay
+    )
     line = common + k * second**2 * delay if sweep.role == Role.FIRST else common - k * first**2 * delay
     return abs(line)
 

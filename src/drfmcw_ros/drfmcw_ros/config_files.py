@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
 from drfmcw_physics.settings import ConfigurationError, nearest
 
 _CHECKOUT = Path(__file__).resolve().parents[3] / 'config'  # where this file lies in a checkout
@@ -26,4 +27,4 @@ def find_config(name: str) -> Path:
     stem = Path(name).stem if name.endswith('.yaml') else name
     if '/' not in name and stem in known:
         return known[stem]
-    raise ConfigurationError(f"{name}: no such file, and none of that name in config/{nearest(stem, sorted(known))}")
+    raise ConfigurationError(f'{name}: no such file, and none of that name in config/{nearest(stem, sorted(known))}')

@@ -5,10 +5,11 @@ import typing
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+
+from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters
 
 _LARGEST_INTEGER = 2**63 - 1
 

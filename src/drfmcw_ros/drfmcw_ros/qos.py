@@ -50,7 +50,9 @@ def is_latched(offered: QoSProfile) -> bool:
     return offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
-def publisher(node: Node, message_type: type, topic: str, profile: QoSProfile, instance: str | None = None) -> Publisher:
+def publisher(
+    node: Node, message_type: type, topic: str, profile: QoSProfile, instance: str | None = None
+) -> Publisher:
     """Create a publisher whose QoS can be overridden by parameters.
 
     Args:
