@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from drfmcw_fusion import offline, replay
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import RangeResult

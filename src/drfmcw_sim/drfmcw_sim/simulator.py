@@ -163,7 +163,8 @@ class Simulator(Node):
         self.scenario: Scenario = read_scenario(
             settings.scenario, tuple(o for o in settings.overrides if o), None if settings.seed < 0 else settings.seed
         )
-        self._timeline = Timeline(self.scenario, start=self._now(), mode_by_range=settings.mode_control == 'range')
+        start = self._now() if settings.start == 'now' else None  # the settings' stamps precede it
+        self._timeline = Timeline(self.scenario, start, mode_by_range=settings.mode_control == 'range')
         self._publishers_of: dict[tuple[str, str], Any] = {}
         self._lock = threading.Condition()
         self._requests: dict[int, tuple[Mode, float | None]] = {}
@@ -296,8 +297,6 @@ class Simulator(Node):
         self._stop.wait(max(_SETTLING, self.settings.settings_pause))
         if self.settings.start == 'now':
             self._timeline.start = self._now()
-        else:
-            self._timeline.start = round(self.scenario.timing.start_time * NANOSECONDS)
 
     def _missing(self) -> list[str]:
         """Return what takes part in the graph and is not there yet."""
