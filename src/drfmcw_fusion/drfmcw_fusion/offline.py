@@ -34,6 +34,14 @@ class Reference:
     stamps: np.ndarray  # [ns], increasing
     ranges: np.ndarray  # [m]
     stds: np.ndarray  # [m]
+    frames: np.ndarray  # frame_id of each reading
+
+    def of(self, pair: str) -> 'Reference':
+        """Return the readings that belong to a pair ('first/second'): those that name it as frame_id, else all."""
+        own = self.frames == pair
+        if not own.any():
+            own = ~np.char.count(self.frames, '/').astype(bool)  # another pair's readings say nothing about this one
+        return Reference(self.stamps[own], self.ranges[own], self.stds[own], self.frames[own])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +106,7 @@ class RecordingReplay:
                 for processor in self._processors.values():
                     processor.add_calibration(Calibration(name))
         self._pending: dict[str, list[Sweep]] = {name: [] for name in self.stations}
-        self._reference: list[tuple[int, float, float]] = []
+        self._reference: list[tuple[int, float, float, str]] = []
         self._sweeps = 0
 
     def _optional(self) -> Iterator[tuple[str, str]]:
@@ -125,12 +133,18 @@ class RecordingReplay:
             if progress is not None and count % 100 == 0:
                 progress(count)
         results.extend(self._process())
-        reference = np.array(sorted(self._reference)).reshape(-1, 3)
+        readings = sorted(self._reference)
+        stamps, ranges, stds, frames = zip(*readings, strict=True) if readings else ((), (), (), ())
         dropped = sum((p.dropped for p in self._processors.values()), collections.Counter())
         dropped[self._fusion.reason] += self._fusion.unpaired + self._fusion.without_settings
         return Replay(
             results=results,
-            reference=Reference(reference[:, 0].astype(np.int64), reference[:, 1], reference[:, 2]),
+            reference=Reference(
+                np.array(stamps, dtype=np.int64),
+                np.array(ranges, dtype=float),
+                np.array(stds, dtype=float),
+                np.array(frames, dtype=str),
+            ),
             missing=self.missing,
             sweeps=self._sweeps,
             dropped={reason: count for reason, count in dropped.items() if count},
@@ -145,7 +159,7 @@ class RecordingReplay:
                 quantity, value = read_weather(topic, message)
                 self._fusion.add_weather(quantity, stamp, value)
             else:
-                self._reference.append((stamp, message.range, message.range_std))
+                self._reference.append((stamp, message.range, message.range_std, message.header.frame_id))
         elif name == 'sweep_config':
             sweep = from_message(message, SweepSettings)
             self._fusion.add_sweep_config(sweep)

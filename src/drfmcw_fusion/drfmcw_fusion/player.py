@@ -22,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 from drfmcw_ros.bag import BagReader
+from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
 from drfmcw_ros.messages import NANOSECONDS, message_class
 from drfmcw_ros.topics import is_latched, is_measured, split_station_topic
 
@@ -42,6 +43,8 @@ class PlayerNode(Node):
         self._senders: dict[str, Any] = {}
         self._answered = threading.Condition()
         self._waiting: collections.Counter[str] = collections.Counter()
+        self._sent = self._reported = 0
+        Diagnostics(self, 'player').add('Playing', self._diagnose)
         for topic, kind in bag.topics.items():
             if not is_measured(topic):
                 continue
@@ -55,6 +58,12 @@ class PlayerNode(Node):
                     qos.subscription(
                         self, BeatFrequency, f'/{station}/beat_frequency', answer, qos.RELIABLE, batch=True
                     )
+
+    def _diagnose(self, status: Status) -> None:
+        if self._sent == self._reported:
+            status.report(WARN, 'nothing sent in the last second')
+        status.value('messages per second', self._sent - self._reported)
+        self._reported = self._sent
 
     def _count(self, station: str, messages: list[BeatFrequency]) -> None:
         with self._answered:
@@ -80,6 +89,7 @@ class PlayerNode(Node):
                     self._waiting[station] = 0
                 self._waiting[station] += 1
         self._senders[topic].publish(raw)
+        self._sent += 1
 
 
 def play(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
@@ -96,13 +106,12 @@ def play(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
         rclpy.init(args=['player', *ros_arguments])
         cleanup.callback(rclpy.try_shutdown)
         node = PlayerNode(bag, flow_control=not arguments.rate)
-        if not arguments.rate:  # only then is there anything to listen to
-            executor = SingleThreadedExecutor()
-            executor.add_node(node)
-            spinning = threading.Thread(target=executor.spin, daemon=True)
-            spinning.start()
-            cleanup.callback(spinning.join, 2.0)
-            cleanup.callback(executor.shutdown)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        spinning = threading.Thread(target=executor.spin, daemon=True)
+        spinning.start()
+        cleanup.callback(spinning.join, 2.0)
+        cleanup.callback(executor.shutdown)
         for station in node.wait_for_subscribers(arguments.wait):
             node.get_logger().warning(f"nobody listens to '/{station}/if_samples'")
         _play(node, bag, arguments)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -62,7 +63,7 @@ def table(rows: Sequence[SettingStatistics], title: str) -> Table:
     """Return the rows as a table for the terminal, in metres and millimetres."""
     several = len({row.pair for row in rows}) > 1
     referenced = any(row.reference is not None for row in rows)
-    shown = Table(title=title, title_justify='left', header_style='bold')
+    shown = Table(title=title, title_justify='left', header_style='bold', box=SIMPLE_HEAD, pad_edge=False)
     for name, wanted in (
         ('pair', several),
         ('mode', True),
@@ -70,10 +71,11 @@ def table(rows: Sequence[SettingStatistics], title: str) -> Table:
         ('range [m]', not referenced),
     ):
         if wanted:
-            shown.add_column(escape(name), justify='left' if name in ('pair', 'mode') else 'right')
+            justify = 'left' if name in ('pair', 'mode') else 'right'
+            shown.add_column(escape(name), justify=justify, no_wrap=True)
     if not referenced:
         shown.add_column(escape('path delay [ns]'), justify='right')
-    for name in ('n', *(('bias [mm]',) if referenced else ()), 'std [mm]', 'reported std [mm]', 'left out'):
+    for name in ('n', *(('bias [mm]',) if referenced else ()), 'std [mm]', 'reported [mm]', 'left out'):
         shown.add_column(escape(name), justify='right')
     for row in rows:
         cells = [row.pair] if several else []
@@ -121,9 +123,13 @@ def figure(results: Sequence[RangeResult], reference: Reference, rows: Sequence[
         own = [r for r in results if (r.first_station, r.second_station) == pair]
         name, color = '/'.join(pair), f'C{number}'
         stamps = np.array([r.stamp for r in own], dtype=np.int64)
-        truth = reference_at(reference, stamps)
+        own_reference = reference.of(name)
+        truth = reference_at(own_reference, stamps)
         ranges = np.array([r.range for r in own])
         over_time.plot((stamps - start) * 1e-9, ranges, '.', markersize=2, color=color, label=name)
+        if len(own_reference.stamps):
+            seconds = (own_reference.stamps - start) * 1e-9
+            over_time.plot(seconds, own_reference.ranges, '-', color='0.5', linewidth=0.8, label=f'{name}: reference')
         distance = np.where(np.isfinite(truth), truth, ranges)
         error_axis.plot(distance, (ranges - truth) * 1e3, '.', markersize=2, alpha=0.4, color=color)
         stats = sorted((row for row in rows if row.pair == name and row.n > 1), key=_distance)
@@ -137,16 +143,12 @@ def figure(results: Sequence[RangeResult], reference: Reference, rows: Sequence[
                 color='black',
                 markersize=4,
                 capsize=3,
-                label='mean of a setting, with 3 standard errors',
+                label=None if number else 'mean of a setting, with 3 standard errors',
             )
         std_axis.plot(at, [row.std * 1e3 for row in stats], 'o', color=color, label=f'{name}: measured')
         expected = [math.hypot(row.range_std, row.reference_std or 0.0) * 1e3 for row in stats]
         instrument = " with the reference's own" if any(row.reference_std for row in stats) else ''
         std_axis.plot(at, expected, '-', linewidth=1, color=color, label=f'{name}: reported{instrument}')
-    if len(reference.stamps):
-        over_time.plot(
-            (reference.stamps - start) * 1e-9, reference.ranges, '-', color='0.5', linewidth=0.8, label='reference'
-        )
     for axis, x, y in (
         (over_time, 'time [s]', 'range [m]'),
         (error_axis, 'distance [m]', 'error against reference [mm]'),

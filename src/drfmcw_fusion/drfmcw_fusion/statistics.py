@@ -75,21 +75,24 @@ def setting_statistics(
     rows: list[SettingStatistics] = []
     pairs = sorted({(r.first_station, r.second_station) for r in results})
     for pair in pairs:
+        own_reference = reference.of('/'.join(pair))
         own = sorted((r for r in results if (r.first_station, r.second_station) == pair), key=lambda r: r.stamp)
         stamps = np.array([r.stamp for r in own], dtype=np.int64)
-        truth = reference_at(reference, stamps)
+        truth = reference_at(own_reference, stamps)
         distance = np.where(np.isfinite(truth), truth, [r.range for r in own])
         settings = _settings(
-            stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(reference.stamps))
+            stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(own_reference.stamps))
         )
         drives: dict[tuple[int, int], list[int]] = {}
         for setting in settings:
             if np.ptp(distance[setting]) <= _DRIVE:
-                rows.append(_row(pair, [own[i] for i in setting], truth[setting], reference))
+                rows.append(_row(pair, [own[i] for i in setting], truth[setting], own_reference))
                 continue
             for i in setting:
                 drives.setdefault((own[i].mode, math.floor(distance[i] / bin_width)), []).append(i)
-        rows.extend(_row(pair, [own[i] for i in drives[key]], truth[drives[key]], reference) for key in sorted(drives))
+        rows.extend(
+            _row(pair, [own[i] for i in drives[key]], truth[drives[key]], own_reference) for key in sorted(drives)
+        )
     return rows
 
 
