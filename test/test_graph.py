@@ -1,4 +1,4 @@
-"""Whole graphs of real processes: ranges without loss, the same replayed, stations that die, time division, clean ends."""
+"""Whole graphs of real processes: no loss, the same replayed, stations that die, time division, clean ends."""
 
 import contextlib
 import dataclasses
@@ -316,6 +316,24 @@ class TestRunningGraph:
         assert np.abs(error / std).max() < 6  # P(false failure) = 80 * 2e-9
 
 
+def test_silent_station_holds_nobody_up(tmp_path):
+    """As fast as the stations go, the simulator goes on without a dead one; restarted by its keeper, it is back."""
+    path = scenario_file(tmp_path, STANDING)
+    with site(tmp_path) as live:
+        live.start(path, {'pace': 'subscribers', 'acknowledge_timeout': 0.5})
+        live.wait(lambda: live.monitor.total > 20, 'the first ranges')
+        slave = live.graph.members['station_slave']
+        slave.keep_alive = True
+        slave.process.send_signal(signal.SIGKILL)
+        live.wait(lambda: "'slave' does not answer: going on" in live.log('simulator'), 'the simulator to go on')
+        live.wait_for_end('station_slave')
+        assert live.graph.tend() == []
+        assert slave.restarts == 1
+        live.wait(lambda: "'slave' answers again" in live.log('simulator'), 'the answer of the new process')
+        count = live.monitor.total
+        live.wait(lambda: live.monitor.total > count + 100, 'ranges of the new process')
+
+
 # --- time division ---
 
 
@@ -401,7 +419,11 @@ def test_signal_ends_every_process_cleanly(tmp_path, number):
         (FUSION, ['--pair', 'masterslave'], "'masterslave' is not 'first/second'"),
         (FUSION, parameters({'default_pressure': float('nan')}), 'default_pressure'),
         (FUSION, parameters({'maximum_range': -3.0}), 'maximum_range'),
-        (SIMULATOR, parameters({'scenario': 'crne'}), "crne: no such file, and none of that name in config/; did you mean 'crane'?"),
+        (
+            SIMULATOR,
+            parameters({'scenario': 'crne'}),
+            "no such file, and none of that name in config/; did you mean 'crane'?",
+        ),
         (SIMULATOR, [], "'scenario' is missing"),
         (SIMULATOR, parameters({'scenario': ROOT / 'config' / 'crane.yaml', 'pace': 'quick'}), 'pace'),
         (SIMULATOR, parameters({'scenario': ROOT / 'config' / 'crane.yaml', 'rate': float('nan')}), 'rate'),

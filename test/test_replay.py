@@ -1,4 +1,4 @@
-"""Replay and info from the command line: accuracy on recordings made by another hand, and what they say to bad input."""
+"""Replay and info from the command line: accuracy on recordings made by another hand, and answers to bad input."""
 
 import csv
 import dataclasses
@@ -160,8 +160,8 @@ def test_outputs_agree_with_each_other(outputs, standing):
             k: row[k] for k in ('reference', 'n', 'bias', 'std', 'range', 'range_std')
         }
         assert (line['mode'], line['pair']) == (row['mode'], 'master/slave')
-        shown = f'{row["reference"]:.3f} │ 24 │ {row["bias"] * 1e3:+9.2f} │ {row["std"] * 1e3:8.2f}'
-        assert shown in out
+        shown = f'{row["mode"]} {row["reference"]:.3f} 24 {row["bias"] * 1e3:+.2f} {row["std"] * 1e3:.2f}'
+        assert shown in ' '.join(out.split())
     with files['results'].open(newline='') as file:
         ranges = list(csv.DictReader(file))
     assert list(ranges[0]) == [f.name for f in dataclasses.fields(RangeResult)]
@@ -186,7 +186,7 @@ def test_plot_is_a_picture(outputs, tmp_path):
 def test_data_on_stdout_is_alone_there(option):
     status, out, err = run('replay', MOVING, option, '-')
     assert status == 0
-    assert '│' in err
+    assert 'rms error' in err, 'table and summary stand aside'
     if option == '--json':
         assert len(json.loads(out)) == 14
     else:
@@ -249,7 +249,7 @@ def test_verify_finds_a_single_bit(standing, tmp_path):
 
 @pytest.mark.parametrize(
     ('topic', 'loss'),
-    [('/reference/range', math.inf), ('/site/temperature', 0.05), ('/site/humidity', 0.05), ('/slave/calibration', 5.0)],
+    [('/reference/range', math.inf), ('/site/temperature', 0.05), ('/site/humidity', 0.05), ('/slave/calibration', 5)],
 )
 def test_what_is_missing_is_said(tmp_path, topic, loss):
     """Without an optional topic the ranges still come, with a note, and within what is then unknown [m]."""
