@@ -27,8 +27,11 @@ from drfmcw_ros.messages import NANOSECONDS, message_class
 from drfmcw_ros.topics import is_latched, is_measured, split_station_topic
 
 _SETTLE_TIME = 0.25  # between settings and the first sweep that uses them, so that they arrive first [s]
+_QUIET_TIME = 0.5  # without a new subscriber, after which all count as there [s]
 _LONGEST_PAUSE = 1.0  # a longer one, of a recording made in pieces, is cut to this [s]
-_WINDOW = 100  # sweeps per station that may wait for their result when played as fast as possible
+_WINDOW = (
+    20  # unanswered sweeps per station at full speed; with 100, weather came after the sweeps that need it on one core
+)
 _ANSWER_LIMIT = 1.0  # how long such a wait may last before playing goes on [s]
 _STAMP = struct.Struct('<iI')  # of the header that every message begins with, behind 4 bytes of encapsulation
 
@@ -71,13 +74,21 @@ class PlayerNode(Node):
             self._answered.notify()
 
     def wait_for_subscribers(self, limit: float) -> list[str]:
-        """Wait at most `limit` seconds until each station has a listener; return the stations that have none."""
+        """Wait at most `limit` seconds until each station has a listener; return the stations that have none.
+
+        Who listens to weather and status is matched separately: also wait until no further subscriber appears.
+        """
         end = time.monotonic() + limit
-        missing = self.stations
-        while missing and time.monotonic() < end:
+        matched: dict[str, int] = {}
+        changed = time.monotonic()
+        while time.monotonic() < end:
+            now = {topic: sender.get_subscription_count() for topic, sender in self._senders.items()}
+            if now != matched:
+                matched, changed = now, time.monotonic()
+            if time.monotonic() - changed > _QUIET_TIME and all(matched[f'/{s}/if_samples'] for s in self.stations):
+                break
             time.sleep(0.02)
-            missing = [s for s in self.stations if not self._senders[f'/{s}/if_samples'].get_subscription_count()]
-        return missing
+        return [s for s in self.stations if not matched.get(f'/{s}/if_samples')]
 
     def send(self, topic: str, raw: bytes, flow_control: bool) -> None:
         """Publish one serialised message; with flow control wait until the stations keep up."""
