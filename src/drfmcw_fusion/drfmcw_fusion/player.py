@@ -29,9 +29,7 @@ from drfmcw_ros.topics import is_latched, is_measured, split_station_topic
 _SETTLE_TIME = 0.25  # between settings and the first sweep that uses them, so that they arrive first [s]
 _QUIET_TIME = 0.5  # without a new subscriber, after which all count as there [s]
 _LONGEST_PAUSE = 1.0  # a longer one, of a recording made in pieces, is cut to this [s]
-_WINDOW = (
-    20  # unanswered sweeps per station at full speed; with 100, weather came after the sweeps that need it on one core
-)
+_WINDOW = 20  # unanswered sweeps per station at full speed; with 100, on one core, weather came after its sweeps
 _ANSWER_LIMIT = 1.0  # how long such a wait may last before playing goes on [s]
 _STAMP = struct.Struct('<iI')  # of the header that every message begins with, behind 4 bytes of encapsulation
 
