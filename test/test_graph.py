@@ -65,7 +65,7 @@ class Site:
 
     def start(self, scenario: Path, simulator: dict[str, Any], record: Path | None = None) -> None:
         """Start everything that a scenario needs."""
-        start_graph(self.graph, scenario, read_scenario(scenario), simulator, record)
+        start_graph(self.graph, scenario, read_scenario(scenario), simulator, self.monitor, record)
 
     def wait(self, condition: Any, what: str) -> None:
         """Wait for a condition; failing that, show what the processes said."""

@@ -78,7 +78,9 @@ def drive(scenario_path: Path, scenario: Scenario, output: Output, console: Cons
         monitored(pairs, int(environment['ROS_DOMAIN_ID'])) as monitor,
         Progress(*columns, console=console) as progress,
     ):
-        start_graph(graph, scenario_path, scenario, {'pace': 'subscribers', 'window': _WINDOW}, output.recording)
+        start_graph(
+            graph, scenario_path, scenario, {'pace': 'subscribers', 'window': _WINDOW}, monitor, output.recording
+        )
         task = progress.add_task('starting', total=Timeline(scenario).sweep_count)
         began = last_line = time.monotonic()
         while True:

@@ -3,6 +3,7 @@
 import collections
 import contextlib
 import dataclasses
+import functools
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -40,10 +41,12 @@ class RangeMonitor(Node):
         self.arrivals: list[Arrival] = []
         self._keep = keep
         self._times: collections.deque[tuple[float, int]] = collections.deque()
-        for pair in pairs:
+        self._subscriptions_of_pairs = [
             qos.subscription(
-                self, RangeEstimate, f'/{pair}/range', lambda m, p=pair: self._take(p, m), qos.RELIABLE, batch=True
+                self, RangeEstimate, f'/{pair}/range', functools.partial(self._take, pair), qos.RELIABLE, batch=True
             )
+            for pair in pairs
+        ]
 
     def _take(self, pair: str, messages: list[RangeEstimate]) -> None:
         now = time.time_ns()
@@ -52,6 +55,15 @@ class RangeMonitor(Node):
         self._times.append((time.monotonic(), len(messages)))
         if self._keep:
             self.arrivals.extend(Arrival(pair, m.sweep_id, stamp_ns(m.header.stamp), now, m) for m in messages)
+
+    def wait_for_publishers(self, limit: float) -> bool:
+        """Wait at most `limit` seconds until somebody publishes each pair's range; return whether they do."""
+        end = time.monotonic() + limit
+        while time.monotonic() < end:
+            if all(s.get_publisher_count() for s in self._subscriptions_of_pairs):
+                return True
+            time.sleep(0.02)
+        return False
 
     @property
     def total(self) -> int:

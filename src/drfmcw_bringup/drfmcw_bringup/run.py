@@ -17,6 +17,8 @@ from drfmcw_sim.scenario import Scenario, read_scenario
 from .graph import FUSION, RECORDER, SIMULATOR, STATION, Graph, parameters
 from .monitor import RangeMonitor, monitored
 
+_DISCOVERY_LIMIT = 15.0  # takes up to 3 s on an idle machine [s]
+
 
 def pair_names(scenario: Scenario) -> list[str]:
     """Return the pairs of a scenario as 'first/second'."""
@@ -28,16 +30,18 @@ def start_graph(
     scenario_path: Path,
     scenario: Scenario,
     simulator: dict[str, object],
+    monitor: RangeMonitor,
     record: Path | None = None,
     keep_alive: bool = False,
 ) -> None:
-    """Start recorder, fusion, stations and simulator of a scenario, in that order.
+    """Start recorder, fusion and stations of a scenario, and its simulator once the monitor hears the fusion.
 
     Args:
         graph: that takes the processes.
         scenario_path: of the scenario file.
         scenario: as read from it.
         simulator: further parameters of the simulator node.
+        monitor: that shall not miss the first range.
         record: recording to write, None for none.
         keep_alive: restart stations and fusion when they die.
     """
@@ -49,6 +53,7 @@ def start_graph(
     graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
     for station in scenario.stations:
         graph.start(f'station_{station}', STATION, '--station', station, keep_alive=keep_alive)
+    monitor.wait_for_publishers(_DISCOVERY_LIMIT)
     settings = {'scenario': str(scenario_path), 'listeners': listeners} | simulator
     graph.start('simulator', SIMULATOR, *parameters(settings))
 
@@ -88,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             simulator['pace'] = 'subscribers'
         pairs = pair_names(scenario)
         with Graph() as graph, monitored(pairs) as monitor:
-            start_graph(graph, path, scenario, simulator, arguments.record, keep_alive=True)
+            start_graph(graph, path, scenario, simulator, monitor, arguments.record, keep_alive=True)
             return watch(graph, monitor, pairs, Console())
 
     return guarded('drfmcw run', work)

@@ -29,6 +29,7 @@ from .pipeline import Flag, RangeFusion, RangeResult
 from .settings import FusionSettings
 
 _UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY
+_UNSURE = Flag.UNKNOWN_VELOCITY | Flag.STALE_CALIBRATION | Flag.STALE_ENVIRONMENT  # sensor_msgs: variance 0
 _WEATHER_TYPES = {
     '/site/temperature': Temperature,
     '/site/pressure': FluidPressure,
@@ -171,7 +172,7 @@ class FusionNode(Node):
         message.field_of_view = self._pair_settings.value.field_of_view
         message.min_range = settings.minimum_range
         message.max_range = settings.maximum_range
-        message.variance = min(result.range_std**2, _LARGEST_FLOAT)
+        message.variance = 0.0 if result.flags & _UNSURE else min(result.range_std**2, _LARGEST_FLOAT)
         if result.flags & _UNUSABLE:
             message.range = math.nan
         elif result.flags & Flag.OUT_OF_LIMITS:

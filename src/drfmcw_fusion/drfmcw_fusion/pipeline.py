@@ -70,7 +70,7 @@ class RangeFusion:
 
     def __init__(self, settings: FusionSettings | None = None) -> None:
         """Start without any settings, calibration or weather."""
-        self.settings = settings or FusionSettings()
+        self._settings = settings or FusionSettings()
         self._sweeps: dict[tuple[str, str], History[SweepSettings]] = {}
         self._calibrations: dict[str, History[Calibration]] = {}
         self._board_temperatures: dict[str, History[float]] = {}
@@ -81,6 +81,16 @@ class RangeFusion:
         self.unpaired = 0  # results whose partner never came
         self.without_settings = 0  # results of stations whose sweep settings are not known
         self.reason = ''  # why the last result was dropped
+
+    @property
+    def settings(self) -> FusionSettings:
+        """Settings in use; new ones begin new tracks."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, value: FusionSettings) -> None:
+        self._settings = value
+        self._trackers.clear()
 
     def add_sweep_config(self, sweep: SweepSettings) -> None:
         """Take in a station's settings for one peer."""
@@ -245,10 +255,11 @@ class RangeFusion:
 
     def _calibration_is_stale(self, station: Station, stamp: int) -> bool:
         name = station.sweep.station
-        if name not in self._calibrations:
+        calibrations = self._calibrations.get(name)
+        if calibrations is None or calibrations.at(stamp) is None:
             return True
-        history = self._board_temperatures.get(name)
-        found = history.at(stamp) if history else None
+        temperatures = self._board_temperatures.get(name)
+        found = temperatures.at(stamp) if temperatures else None
         if found is None:
             return False
         return abs(found[1] - station.calibration.temperature) > self.settings.calibration_temperature_limit

@@ -21,10 +21,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
-from drfmcw_ros.bag import BagReader
+from drfmcw_ros.bag import BagReader, typestore
 from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
 from drfmcw_ros.messages import NANOSECONDS, message_class
-from drfmcw_ros.topics import is_latched, is_measured, split_station_topic
+from drfmcw_ros.topics import STATION_TOPICS, is_latched, is_measured, split_station_topic
 
 _SETTLE_TIME = 0.25  # between settings and the first sweep that uses them, so that they arrive first [s]
 _QUIET_TIME = 0.5  # without a new subscriber, after which all count as there [s]
@@ -41,7 +41,7 @@ class PlayerNode(Node):
         """Create publishers of all measured topics of the recording; with flow control also listen to the answers."""
         super().__init__('player', **kwargs)
         self.stations: list[str] = []
-        self._senders: dict[str, Any] = {}
+        self._senders: dict[tuple[str, str], Any] = {}  # by topic and peer (of sweep settings only)
         self._answered = threading.Condition()
         self._waiting: collections.Counter[str] = collections.Counter()
         self._sent = self._reported = 0
@@ -51,7 +51,11 @@ class PlayerNode(Node):
                 continue
             station, name = split_station_topic(topic)
             profile = qos.LATCHED if is_latched(topic) else qos.RELIABLE
-            self._senders[topic] = qos.publisher(self, message_class(kind), topic, profile)
+            # one publisher per peer: each keeps the last settings of its pair for late joiners
+            peers = {m.peer for _, _, m in bag.messages({topic})} if name == 'sweep_config' else {''}
+            for peer in peers:
+                sender = qos.publisher(self, message_class(kind), topic, profile, instance=peer or None)
+                self._senders[topic, peer] = sender
             if name == 'if_samples':
                 self.stations.append(station)
                 if flow_control:
@@ -77,16 +81,16 @@ class PlayerNode(Node):
         Who listens to weather and status is matched separately: also wait until no further subscriber appears.
         """
         end = time.monotonic() + limit
-        matched: dict[str, int] = {}
+        matched: dict[tuple[str, str], int] = {}
         changed = time.monotonic()
         while time.monotonic() < end:
-            now = {topic: sender.get_subscription_count() for topic, sender in self._senders.items()}
+            now = {key: sender.get_subscription_count() for key, sender in self._senders.items()}
             if now != matched:
                 matched, changed = now, time.monotonic()
-            if time.monotonic() - changed > _QUIET_TIME and all(matched[f'/{s}/if_samples'] for s in self.stations):
+            if time.monotonic() - changed > _QUIET_TIME and all(matched[f'/{s}/if_samples', ''] for s in self.stations):
                 break
             time.sleep(0.02)
-        return [s for s in self.stations if not matched.get(f'/{s}/if_samples')]
+        return [s for s in self.stations if not matched.get((f'/{s}/if_samples', ''))]
 
     def send(self, topic: str, raw: bytes, flow_control: bool) -> None:
         """Publish one serialised message; with flow control wait until the stations keep up."""
@@ -97,7 +101,8 @@ class PlayerNode(Node):
                     self.get_logger().warning(f"'{station}' does not answer; going on", throttle_duration_sec=5.0)
                     self._waiting[station] = 0
                 self._waiting[station] += 1
-        self._senders[topic].publish(raw)
+        peer = typestore().deserialize_cdr(raw, STATION_TOPICS[name]).peer if name == 'sweep_config' else ''
+        self._senders[topic, peer].publish(raw)
         self._sent += 1
 
 

@@ -26,7 +26,7 @@ _RANGE_FIT_MINIMUM = 6  # sweeps that takes
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
 _LONGEST_PAUSE = 1.0  # after which the crane counts as standing again until shown otherwise [s]
 _SHORTEST_COMPARISON = 3  # sweeps; fewer cannot tell a drift from an outlier
-_DECISION = 6.0  # a drift must be known this much better than the half wavelength it is rounded to
+_DECISION = 10.0  # a drift must be known this much better than the half wavelength it is rounded to
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Motion:
     confirmed: bool = True  # False while it rests on the crane having stood still before
 
 
-STANDING = Motion(0.0, 0.0)
+STANDING = Motion(math.nan, 0.0)  # nothing to correct, nothing estimated
 UNKNOWN = Motion(math.nan, math.nan, confirmed=False)
 
 

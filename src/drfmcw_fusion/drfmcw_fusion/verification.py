@@ -75,7 +75,7 @@ def _equal(one: float, other: float) -> bool:
 
 
 def compare_with_recorded(path: str, results: Sequence[RangeResult], console: Console) -> int:
-    """Print how the recomputed ranges compare with those in the recording; return 1 where any differs, else 0.
+    """Print how the recomputed ranges compare with those in the recording; return 1 where any differs or is missing.
 
     Raises:
         BagError: the recording holds no ranges.
@@ -88,4 +88,4 @@ def compare_with_recorded(path: str, results: Sequence[RangeResult], console: Co
         + f', {found.only_recorded} only in the recording, {found.only_recomputed} only recomputed',
         highlight=False,
     )
-    return 1 if found.different else 0
+    return 1 if found.different or found.only_recorded else 0

@@ -471,7 +471,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a station node; return the exit status."""
     own, ros = split_ros_arguments(argv)
     parser = Parser(
-        prog='station',
+        prog='drfmcw station',
         description='Signal processing of one sensor-node: sweeps in, beat frequencies and spectra out. '
         'All parameters: src/drfmcw_node/README.md.',
         epilog='Anything after --ros-args goes to ROS, for instance: --ros-args -p source:=tcp -p ip_port:=9000',

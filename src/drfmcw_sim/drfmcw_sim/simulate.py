@@ -50,7 +50,7 @@ def _render(arguments: argparse.Namespace) -> None:
     scenario = read_scenario(arguments.scenario, tuple(arguments.overrides), arguments.seed)
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
         count = write_recording(
             scenario,
