@@ -1,6 +1,7 @@
 """Loss, latency and CPU time of the live graph: real processes over DDS, spectra on."""
 
 import dataclasses
+import gc
 import os
 import tempfile
 import time
@@ -67,6 +68,7 @@ def _await_first(graph: Graph, monitor: RangeMonitor) -> None:
 
 def _measure(graph: Graph, monitor: RangeMonitor, seconds: float, name: str, console: Console) -> Run:
     _await_first(graph, monitor)
+    gc.disable()  # of this process, which keeps every range: its pauses are not the graph's
     time.sleep(_WARM_UP)
     begin_time, begin_cpu = time.time_ns(), {n: _cpu_time(m) for n, m in graph.members.items()}
     for _ in track(range(round(seconds * 10)), description=name, console=console, transient=True):
@@ -75,6 +77,7 @@ def _measure(graph: Graph, monitor: RangeMonitor, seconds: float, name: str, con
     time.sleep(1.0)  # what is still on its way
     for member in graph.tend():
         raise ConfigurationError(f'graph: {member.name} ended: {graph.last_words(member)}')
+    gc.enable()
     measured = [a for a in monitor.arrivals if begin_time <= a.stamp < end_time]
     if not measured:
         raise ConfigurationError('graph: no range in the measured time')

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drfmcw_node.estimation import EstimatorSettings, Flag, estimator
-from drfmcw_node.processing import StationProcessor, Sweep
+from drfmcw_node.processing import EarlySweeps, StationProcessor, Sweep
 from drfmcw_physics.bounds import additive_std
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.phase_noise import PhaseNoise
@@ -286,3 +286,20 @@ def test_spectra_are_decimated_by_sweep_number():
     beats, spectra = processor.process_with_spectra(sweeps, every=3)
     assert [s.sweep_id for s in spectra] == [0, 3, 6] and len(beats) == 7
     assert processor.process(sweeps) == beats
+
+
+def test_sweeps_that_overtake_their_settings_wait_in_order_and_not_for_ever():
+    processor = StationProcessor()
+    early = EarlySweeps(processor)
+    sweeps = [Sweep('master', 'slave', i, FULL_SCALE, False, np.zeros(2048, np.int16), 100 + i) for i in range(4)]
+    assert early.release(sweeps[:1], 0.0) == []
+    processor.add_sweep_config(FIRST)
+    processor.add_calibration(calibration('master'))
+    assert early.release(sweeps[1:2], 1.0) == []
+    processor.add_calibration(calibration('slave'))
+    assert early.release(sweeps[2:3], 2.0) == sweeps[:3]
+    stranger = dataclasses.replace(sweeps[3], peer='nobody')
+    assert early.release([stranger], 3.0) == []
+    assert early.release([], 10.0) == [stranger]
+    assert processor.process([stranger]) == []
+    assert sum(processor.dropped.values()) == 1

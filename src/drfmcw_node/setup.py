@@ -2,26 +2,26 @@
 
 from setuptools import find_packages, setup
 
-NAME = "drfmcw_node"
+NAME = 'drfmcw_node'
 
 setup(
     name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
     data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
-        ("share/" + NAME, ["package.xml"]),
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml']),
     ],
-    install_requires=["setuptools"],
+    install_requires=['setuptools'],
     zip_safe=True,
-    maintainer="drfmcw maintainers",
-    maintainer_email="drfmcw@example.com",
-    description="One sensor-node of the radar: from IF samples to beat frequencies",
-    license="Apache-2.0",
+    maintainer='drfmcw maintainers',
+    maintainer_email='drfmcw@example.com',
+    description='One sensor-node of the radar: from IF samples to beat frequencies',
+    license='Apache-2.0',
     entry_points={
-        "console_scripts": [
-            "station = drfmcw_node.station:main",
-            "send_sweeps = drfmcw_node.send_sweeps:main",
+        'console_scripts': [
+            'station = drfmcw_node.station:main',
+            'send_sweeps = drfmcw_node.send_sweeps:main',
         ],
     },
 )

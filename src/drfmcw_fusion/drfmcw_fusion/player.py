@@ -101,7 +101,7 @@ class PlayerNode(Node):
                     self.get_logger().warning(f"'{station}' does not answer; going on", throttle_duration_sec=5.0)
                     self._waiting[station] = 0
                 self._waiting[station] += 1
-        peer = typestore().deserialize_cdr(raw, STATION_TOPICS[name]).peer if name == 'sweep_config' else ''
+        peer = _peer(raw) if name == 'sweep_config' else ''
         self._senders[topic, peer].publish(raw)
         self._sent += 1
 
@@ -175,20 +175,29 @@ def _messages(bag: BagReader, loops: int) -> Iterator[tuple[str, int, bytes]]:
         yield from ((topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics))
         return
     kept = [(topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics)]
-    numbers = [_sweep_id(raw)[1] for topic, _, raw in kept if topic.endswith('/if_samples')]
-    times = [t for _, t, _ in kept]
+    numbers = {_sweep_id(raw)[1] for topic, _, raw in kept if topic.endswith('/if_samples')}
+    next_number = max(numbers) + 1
+    times = [t for topic, t, _ in kept if topic.endswith('/if_samples')]  # settings come some time before
     span = times[-1] - times[0]
-    period = span + max(1, span // max(1, len(set(numbers))))
+    period = span + max(1, span // len(numbers))
+    # settings that never changed still hold in later rounds
+    configs = [topic for topic, _, _ in kept if topic.endswith('/sweep_config')]
+    constant = len(configs) == len({(t, _peer(raw)) for t, _, raw in kept if t.endswith('/sweep_config')})
     for round_number in itertools.count() if loops == 0 else range(loops):
         shift = round_number * period
         for topic, time_ns, raw in kept:
             if round_number:
-                if is_latched(topic) and topic.endswith('/calibration'):
+                if is_latched(topic) and (constant or topic.endswith('/calibration')):
                     continue
                 raw = _restamped(raw, _stamp(raw) + shift)
                 if topic.endswith('/if_samples'):
-                    raw = _renumbered(raw, round_number * (max(numbers) + 1))
+                    raw = _renumbered(raw, round_number * next_number)
             yield topic, time_ns + shift, raw
+
+
+def _peer(raw: bytes) -> str:
+    """Return the peer that serialised sweep settings are for."""
+    return typestore().deserialize_cdr(raw, STATION_TOPICS['sweep_config']).peer
 
 
 def _stamp(raw: bytes) -> int:

@@ -362,9 +362,7 @@ def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
     highest, lowest = samples.max(axis=1), samples.min(axis=1)
     amplitude = (highest.astype(float) - lowest) / 2
     at_limit = (highest >= full_scale - 1.0) | (lowest <= 1.0 - full_scale)
-    count = np.maximum(
-        (samples == highest[:, None]).sum(axis=1), (samples == lowest[:, None]).sum(axis=1)
-    )
+    count = np.maximum((samples == highest[:, None]).sum(axis=1), (samples == lowest[:, None]).sum(axis=1))
     usual = np.sqrt(2.0 / np.maximum(amplitude, 1.0)) / np.pi
     return at_limit | ((amplitude >= 4.0) & (count > 3.0 * usual * samples.shape[1]))
 

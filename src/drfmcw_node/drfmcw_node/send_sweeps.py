@@ -1,6 +1,6 @@
 """Sends a station's recorded sweeps as a digitiser would: an example of the feed protocol, and a test signal.
 
-    ros2 run drfmcw_node send_sweeps RECORDING --station master --to tcp://127.0.0.1:9000
+ros2 run drfmcw_node send_sweeps RECORDING --station master --to tcp://127.0.0.1:9000
 """
 
 import argparse

@@ -33,15 +33,13 @@ from drfmcw_ros.runner import run
 from .compression import CompressionError, compress, decompress_message
 from .estimation import EstimatorSettings, Flag
 from .feed import Frame, Request
-from .processing import Beat, StationProcessor, Sweep
+from .processing import Beat, EarlySweeps, StationProcessor, Sweep
 from .sources import RecordingSource, Source, TcpSource, UdpSource
 from .station_settings import Housekeeping, StationSettings, check_complete
 
 _NANOSECONDS = 1_000_000_000
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
-_GATHER = 1e-3  # of sweeps that are evaluated together [s]
-_EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
-_EARLY_COUNT = 4000  # and how many of them
+_GATHER = 0.8e-3  # of sweeps that are evaluated together [s]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -82,8 +80,7 @@ class StationNode(Node):
         self._processor.settings = self._estimation.value
         self._peers: set[str] = set()
         self._first = qos.FirstTopics(self)  # settings and calibrations: before the sweeps that need them
-        self._early: list[Sweep] = []  # sweeps whose settings have not arrived
-        self._early_since = math.inf
+        self._early = EarlySweeps(self._processor)
         self._latched: dict[tuple[type, str], Any] = {}
         self._frame: Frame | None = None
         self._seen: dict[str, int] = {}
@@ -169,29 +166,8 @@ class StationNode(Node):
         self._take_sweeps([from_message(message, Sweep) for message in messages])
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
-        """Evaluate sweeps; those that came before their settings wait a moment for them.
-
-        Topics have no order among each other: after a start, sweeps may overtake latched settings and calibrations.
-        """
-        if self._early:
-            sweeps = [*self._early, *sweeps]
-            self._early = []
-        now = time.monotonic()
-        ready = []
-        for sweep in sweeps:
-            if self._processor.has_settings(sweep):
-                ready.append(sweep)
-            else:
-                self._early.append(sweep)
-        if not self._early:
-            self._early_since = math.inf
-        elif self._early_since == math.inf:
-            self._early_since = now
-        elif now - self._early_since > _EARLY_LIMIT or len(self._early) > _EARLY_COUNT:
-            ready = sorted([*self._early, *ready], key=lambda s: s.sweep_id)  # the processor drops and counts them
-            self._early = []
-            self._early_since = math.inf
-        self._process(ready)
+        """Evaluate the sweeps whose settings are known; the others wait a moment for them."""
+        self._process(self._early.release(sweeps, time.monotonic()))
 
     def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
         self._first.poll()
@@ -210,9 +186,7 @@ class StationNode(Node):
     def _own_sweep(self, settings: StationSettings) -> None:
         """Stand for the hardware: publish settings, calibration and status, follow requests."""
         self._status = qos.publisher(self, StationStatus, self._topic('status'), qos.RELIABLE)
-        self._calibration_publisher = qos.publisher(
-            self, StationCalibration, self._topic('calibration'), qos.LATCHED
-        )
+        self._calibration_publisher = qos.publisher(self, StationCalibration, self._topic('calibration'), qos.LATCHED)
         self._config_publishers: dict[str, Any] = {}
         self.create_timer(1.0, self._publish_status)
         hooks = {'deliver': self._take_delivery, 'failed': self._source_failed}

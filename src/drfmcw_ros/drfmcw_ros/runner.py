@@ -1,5 +1,6 @@
 """Running a node as a process: start, spin, and a clean end on Ctrl-C, SIGTERM or a wrong configuration."""
 
+import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -37,6 +38,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         node = node_class(**kwargs)
         executor = SingleThreadedExecutor()  # rclpy 7.1's EventsExecutor keeps a core busy without serving
         executor.add_node(node)
+        gc.freeze()  # what was made so far stays: not to be looked through again between sweeps
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException, Finished):
         pass
