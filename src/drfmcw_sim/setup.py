@@ -2,26 +2,26 @@
 
 from setuptools import find_packages, setup
 
-NAME = "drfmcw_sim"
+NAME = 'drfmcw_sim'
 
 setup(
     name=NAME,
-    version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
     data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
-        ("share/" + NAME, ["package.xml"]),
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml']),
     ],
-    install_requires=["setuptools"],
+    install_requires=['setuptools'],
     zip_safe=True,
-    maintainer="drfmcw maintainers",
-    maintainer_email="drfmcw@example.com",
-    description="Simulator of the cooperative FMCW radar: signal model, effects, scenario, node",
-    license="Apache-2.0",
+    maintainer='drfmcw maintainers',
+    maintainer_email='drfmcw@example.com',
+    description='Simulator of the cooperative FMCW radar: signal model, effects, scenario, node',
+    license='Apache-2.0',
     entry_points={
-        "console_scripts": [
-            "simulator = drfmcw_sim.simulator:main",
-            "simulate = drfmcw_sim.simulate:main",
+        'console_scripts': [
+            'simulator = drfmcw_sim.simulator:main',
+            'simulate = drfmcw_sim.simulate:main',
         ],
     },
 )
