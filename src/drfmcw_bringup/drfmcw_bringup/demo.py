@@ -24,7 +24,6 @@ from .graph import Graph, private_environment
 from .monitor import monitored
 from .run import pair_names, start_graph
 
-_WINDOW = 20  # sweeps on their way: few, so that a change of mode comes while the crane is still near the limit
 _START_LIMIT = 40.0  # until the first range arrives, on a machine that is busy otherwise [s]
 
 
@@ -78,9 +77,7 @@ def drive(scenario_path: Path, scenario: Scenario, output: Output, console: Cons
         monitored(pairs, int(environment['ROS_DOMAIN_ID'])) as monitor,
         Progress(*columns, console=console) as progress,
     ):
-        start_graph(
-            graph, scenario_path, scenario, {'pace': 'subscribers', 'window': _WINDOW}, monitor, output.recording
-        )
+        start_graph(graph, scenario_path, scenario, {'pace': 'subscribers'}, monitor, output.recording)
         task = progress.add_task('starting', total=Timeline(scenario).sweep_count)
         began = last_line = time.monotonic()
         while True:

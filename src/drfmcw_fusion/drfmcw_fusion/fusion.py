@@ -185,11 +185,12 @@ class FusionNode(Node):
         """Announce the mode that the distance needs, once per change, to both stations of a pair."""
         if pair[0] == pair[1]:
             return
-        wanted = choose_mode(result.mode, result.range, self._mode.value)
-        if wanted == result.mode:
-            self._requested.pop(pair, None)
-            return
-        if self._requested.get(pair) == wanted:
+        # what was asked for counts as the mode in use until the stations have changed: asked once, not every sweep
+        current = self._requested.get(pair, result.mode)
+        wanted = choose_mode(current, result.range, self._mode.value)
+        if wanted == current:
+            if result.mode == current:
+                self._requested.pop(pair, None)
             return
         self._requested[pair] = wanted
         for station, peer in (pair, pair[::-1]):

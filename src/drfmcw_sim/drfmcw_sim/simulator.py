@@ -54,7 +54,7 @@ class SimulatorSettings:
         1.0, bounds=(1e-3, 1e4), description="scenario seconds per second of the pace 'scenario'; 1 is real time"
     )
     window: int = parameter(
-        100, bounds=(1, 350), description="pace 'subscribers': sweeps that a station may have unanswered"
+        20, bounds=(1, 350), description="pace 'subscribers': sweeps that a station may have unanswered"
     )
     acknowledge_timeout: float = parameter(
         2.0, unit='s', bounds=(0.05, 600.0),
