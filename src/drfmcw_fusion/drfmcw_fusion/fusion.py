@@ -16,7 +16,7 @@ from drfmcw_node.processing import Beat
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_physics.sweep import SweepSettings
+from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
@@ -36,6 +36,7 @@ _WEATHER_TYPES = {
     '/site/humidity': RelativeHumidity,
 }
 _LARGEST_FLOAT = 3.4e38  # of a float32 field
+_REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is asked for again [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
@@ -92,7 +93,7 @@ class FusionNode(Node):
                 qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RELIABLE),
             )
         self._requests: dict[str, Any] = {}
-        self._requested: dict[tuple[str, str], int] = {}
+        self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
         for station in sorted({name for pair in self._pairs for name in pair}):
             self._listen_to(station)
         for topic, kind in _WEATHER_TYPES.items():
@@ -185,14 +186,16 @@ class FusionNode(Node):
         """Announce the mode that the distance needs, once per change, to both stations of a pair."""
         if pair[0] == pair[1]:
             return
-        # what was asked for counts as the mode in use until the stations have changed: asked once, not every sweep
-        current = self._requested.get(pair, result.mode)
+        # what was asked for counts as the mode in use until the stations have changed: asked once, not every sweep,
+        # and again where they have not changed for a while
+        now = time.monotonic()
+        current, asked = self._requested.get(pair, (Mode(result.mode), now))
         wanted = choose_mode(current, result.range, self._mode.value)
-        if wanted == current:
-            if result.mode == current:
+        if wanted == current and (wanted == result.mode or now - asked < _REQUEST_INTERVAL):
+            if wanted == result.mode:
                 self._requested.pop(pair, None)
             return
-        self._requested[pair] = wanted
+        self._requested[pair] = (wanted, now)
         for station, peer in (pair, pair[::-1]):
             sweep = self._fusion.sweep_config(station, peer, result.stamp)
             if sweep is None:
