@@ -6,13 +6,14 @@ import functools
 import math
 from collections import OrderedDict
 
+from drfmcw_node.estimation import Flag as BeatFlag
 from drfmcw_node.processing import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_physics.sweep import Role, SweepSettings
+from drfmcw_physics.sweep import SweepSettings
 
 from .combination import PathDelay, Station, combine, own_path
 from .settings import FusionSettings
@@ -32,9 +33,6 @@ class Flag(enum.IntFlag):
     OUT_OF_LIMITS = 16
     SIGNAL_QUALITY = 32
     UNKNOWN_VELOCITY = 64
-
-
-_BEAT_WEAK = 1  # BeatFrequency.WEAK_SIGNAL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,10 +112,6 @@ class RangeFusion:
         history = self._sweeps.get((station, peer))
         found = history.at(stamp) if history else None
         return found[1] if found else None
-
-    def pairs(self) -> list[tuple[str, str]]:
-        """Return (first, second) of all pairs whose settings are known."""
-        return [key for key, history in self._sweeps.items() if history.latest().role == Role.FIRST]
 
     def add_beat(self, beat: Beat, arrival: float = 0.0) -> RangeResult | None:
         """Take in one station's result; return the range once both stations' results of a sweep are there.
@@ -243,9 +237,9 @@ class RangeFusion:
     def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
         flags = Flag.VALID
         for station in (first, second):
-            if station.beat.flags & _BEAT_WEAK:
+            if station.beat.flags & BeatFlag.WEAK_SIGNAL:
                 flags |= Flag.WEAK_SIGNAL
-            if station.beat.flags & ~_BEAT_WEAK:
+            if station.beat.flags & ~BeatFlag.WEAK_SIGNAL:
                 flags |= Flag.SIGNAL_QUALITY
             if self._calibration_is_stale(station, stamp):
                 flags |= Flag.STALE_CALIBRATION

@@ -26,7 +26,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, to_message
+from drfmcw_ros.messages import NANOSECONDS, from_message, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -37,7 +37,6 @@ from .processing import Beat, EarlySweeps, StationProcessor, Sweep
 from .sources import RecordingSource, Source, TcpSource, UdpSource
 from .station_settings import Housekeeping, StationSettings, check_complete
 
-_NANOSECONDS = 1_000_000_000
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
 _GATHER = 0.8e-3  # of sweeps that are evaluated together [s]
 
@@ -307,7 +306,7 @@ class StationNode(Node):
         settings = self._set.value
         frame_id = settings.frame_id
         if settings.time_offset or frame_id or not sweeps[0].frame_id:
-            shift = round(settings.time_offset * _NANOSECONDS)
+            shift = round(settings.time_offset * NANOSECONDS)
             sweeps = [
                 dataclasses.replace(s, stamp=s.stamp + shift, frame_id=self._frame_id(s.frame_id)) for s in sweeps
             ]

@@ -23,14 +23,3 @@ def received_power(tx_eirp, rx_antenna_gain, distance, frequency):
 def noise_density(noise_figure):
     """Return the thermal noise density referred to the antenna port, k T_0 F [dBm/Hz], of a noise figure [dB]."""
     return 10.0 * np.log10(BOLTZMANN * STANDARD_NOISE_TEMPERATURE * 1e3) + noise_figure
-
-
-def quantisation_noise_density(full_scale_power, full_scale, sample_rate):
-    """Return the density of ideal quantisation noise at the antenna port [dBm/Hz].
-
-    Args:
-        full_scale_power: power of a full-scale sine at the antenna port [dBm].
-        full_scale: ADC code of full scale [LSB].
-        sample_rate: [Hz]; the noise 1/12 LSB^2 spreads evenly up to half of it (Bennett 1948).
-    """
-    return full_scale_power + 10.0 * np.log10((1.0 / 12.0) / (full_scale**2 / 2.0) / (sample_rate / 2.0))

@@ -27,7 +27,6 @@ class SettingsParameters:
         defaults: Any = None,
         prefix: str = '',
         on_change: Callable[[Any], None] | None = None,
-        only: Sequence[str] | None = None,
     ) -> None:
         """Declare the parameters.
 
@@ -37,27 +36,18 @@ class SettingsParameters:
             defaults: instance whose values replace the declared defaults.
             prefix: put before each parameter's name, with a dot.
             on_change: called with the new value after a change was accepted.
-            only: names of the fields to declare; the others keep their defaults.
 
         Raises:
             ConfigurationError: a value given at start is wrong.
         """
         self._node = node
-        self._cls = cls
         self._on_change = on_change
         self._prefix = f'{prefix}.' if prefix else ''
         hints = typing.get_type_hints(cls)
-        self._declared = {
-            name: (hints[name], declared)
-            for name, (_, declared) in declared_parameters(cls).items()
-            if only is None or name in only
-        }
+        self._declared = {name: (hints[name], declared) for name, (_, declared) in declared_parameters(cls).items()}
         values = {}
         for name, (field, declared) in declared_parameters(cls).items():
             default = getattr(defaults, name) if defaults is not None else _default(field)
-            if name not in self._declared:
-                values[name] = default
-                continue
             descriptor = _descriptor(hints[name], declared)
             given = node.declare_parameter(self._prefix + name, _plain(hints[name], default), descriptor).value
             values[name] = check_value(self._prefix + name, given, hints[name], declared, node.get_name())

@@ -45,11 +45,6 @@ def latched_subscription(depth: int) -> QoSProfile:
     )
 
 
-def is_latched(offered: QoSProfile) -> bool:
-    """Return True where a publisher keeps its last message for late joiners."""
-    return offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
-
-
 def publisher(
     node: Node, message_type: type, topic: str, profile: QoSProfile, instance: str | None = None
 ) -> Publisher:

@@ -2,8 +2,6 @@
 
 import collections
 import dataclasses
-import functools
-import importlib
 import math
 import sys
 import threading
@@ -19,7 +17,7 @@ from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import Mode
 from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
-from drfmcw_ros.messages import to_message
+from drfmcw_ros.messages import message_class, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched
@@ -82,13 +80,6 @@ class SimulatorSettings:
     at_end: str = parameter(
         'exit', choices=('exit', 'loop', 'stay'), description='what follows the end of the scenario'
     )
-
-
-@functools.cache
-def message_class(topic: str) -> type:
-    """Return the ROS message class of a simulated topic."""
-    package, _, name = message_type(topic).split('/')
-    return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
 class Acknowledgements:
@@ -247,7 +238,7 @@ class Simulator(Node):
         if key not in self._publishers_of:
             profile = qos.LATCHED if is_latched(event.topic) else qos.RELIABLE
             self._publishers_of[key] = qos.publisher(
-                self, message_class(event.topic), event.topic, profile, instance=peer or None
+                self, message_class(message_type(event.topic)), event.topic, profile, instance=peer or None
             )
         return self._publishers_of[key]
 
@@ -257,10 +248,12 @@ class Simulator(Node):
         for station in self.scenario.stations:
             topics += [f'/{station}/if_samples', f'/{station}/status']
         for topic in topics:
-            self._publishers_of[topic, ''] = qos.publisher(self, message_class(topic), topic, qos.RELIABLE)
+            self._publishers_of[topic, ''] = qos.publisher(
+                self, message_class(message_type(topic)), topic, qos.RELIABLE
+            )
 
     def _publish(self, event: Event) -> None:
-        self._publisher(event).publish(to_message(event.content, message_class(event.topic)))
+        self._publisher(event).publish(to_message(event.content, message_class(message_type(event.topic))))
 
     # --- the hardware thread ---
 
