@@ -18,7 +18,4 @@ setup(
     maintainer_email='drfmcw@example.com',
     description='The whole chain offline: Monte Carlo and the figures of the paper',
     license='Apache-2.0',
-    entry_points={
-        'console_scripts': [],
-    },
 )

@@ -11,7 +11,8 @@ import numpy as np
 
 from drfmcw_fusion.pipeline import RangeFusion, RangeResult
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import Estimates, EstimatorSettings, estimator as make_estimator
+from drfmcw_node.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimation import estimator as make_estimator
 from drfmcw_node.processing import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -22,13 +23,6 @@ from drfmcw_sim.timeline import NANOSECONDS, Slots, Timeline
 
 _WEATHER = ('temperature', 'pressure', 'humidity')
 _SHARED_FIELDS = ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr')  # of Estimates and Beat, in order
-    'flags',
-    'frequency',
-    'frequency_std',
-    'phase',
-    'power',
-    'snr',
-)  # of Estimates and Beat, in this order
 
 
 @dataclasses.dataclass(frozen=True)
