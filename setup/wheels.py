@@ -19,8 +19,8 @@ PROCESSES = 4
 # What is installed where a system installation of Jazzy lacks it: module, distribution.
 SYSTEM_EXTRAS = {
     "numpy": "numpy", "scipy": "scipy", "matplotlib": "matplotlib", "yaml": "pyyaml", "rich": "rich",
-    "rosbags": "rosbags", "soundfile": "soundfile", "pytest": "pytest", "pytest_timeout": "pytest-timeout",
-    "hypothesis": "hypothesis",
+    "rosbags": "rosbags", "soundfile": "soundfile", "dask": "dask", "distributed": "distributed",
+    "pytest": "pytest", "pytest_timeout": "pytest-timeout", "hypothesis": "hypothesis",
 }  # fmt: skip
 COLCON = ("colcon-core", "colcon-ros", "colcon-cmake", "colcon-python-setup-py", "colcon-recursive-crawl",
           "colcon-output", "colcon-package-selection", "colcon-parallel-executor", "colcon-bash",
