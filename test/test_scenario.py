@@ -230,7 +230,8 @@ def test_effects_act_as_their_names_say():
     clocks = measured(effects=[{'effect': 'reference_clock_offset', 'station': 'a', 'deviation': 12.0}], stations=warm)
     assert clocks.stations[0].sample_clock[0] - nominal.stations[0].sample_clock[0] == pytest.approx(12e-6, rel=1e-4)
     echo = measured(effects=[{'effect': 'echo', 'excess_range': 7.5, 'relative_power': -24}])
-    assert echo.paths[1].delay[0] - echo.paths[0].delay[0] == pytest.approx(7.5 / 299792458.0)
+    excess = 7.5 * echo.refractive_index[0] / 299792458.0
+    assert echo.paths[1].delay[0] - echo.paths[0].delay[0] == pytest.approx(excess)
     assert echo.paths[1].amplitude[0] == pytest.approx(10 ** (-24 / 20))
 
 

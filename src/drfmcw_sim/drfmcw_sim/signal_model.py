@@ -88,6 +88,8 @@ class Measurements:
     paths: list[Path]  # the direct one first
     start_delay_jitter: float = 0.0  # standard deviation from sweep to sweep [s]
     amplitude_scatter: float = 0.0  # standard deviation from sweep to sweep [dB]
+    refractive_index: np.ndarray | float = 1.0  # [n] of the air on the path
+    setting: np.ndarray | int = 0  # [n] number of the distance at which the crane stands
 
     def __len__(self) -> int:
         """Return the number of measurements."""
@@ -113,8 +115,8 @@ class Measurements:
             paths=paths,
             initial_phase=self.initial_phase[:, rows].copy(),
             **{
-                name: getattr(self, name)[rows].copy()
-                for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay')
+                name: np.broadcast_to(getattr(self, name), len(self))[rows].copy()
+                for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay', 'refractive_index', 'setting')
             },
         )
 
@@ -277,11 +279,14 @@ def _receive(m: Measurements, noise: _Noise | None, receiver: int, effects: Sequ
             g = geometry(m, receiver, path)
             u = np.arange(count) * g.step[:, None]
             v = g.peer_time(count)
+            bent = np.zeros(u.shape)  # may be hundreds of turns at both stations: reduced before it is float32
             for effect in shaping:
                 if effect.applies_to(own.name):
-                    angle += effect.chirp_phase(own, u)
+                    bent += effect.chirp_phase(own, u)
                 if effect.applies_to(peer.name):
-                    angle -= effect.chirp_phase(peer, v)
+                    bent -= effect.chirp_phase(peer, v)
+            bent -= 2.0 * np.pi * np.rint(bent / (2.0 * np.pi))
+            angle += bent
         amplitude = (own.amplitude(own.received_power) * path.amplitude).astype(np.float32)[:, None]
         if own.iq:
             heard = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -317,13 +322,14 @@ def synthesise(
     Args:
         m: measurements; not changed.
         seed: of the scenario.
-        effects: in the order in which they act.
+        effects: act in the order of their `stage`, those of one stage as listed.
         noise: False leaves out additive and phase noise.
         quantised: False returns the analogue signal in LSB, float32 [n, samples] or [n, samples, 2].
 
     Returns:
         Per station int16 [n, samples], or [n, 2 samples] with I and Q interleaved.
     """
+    effects = sorted(effects, key=lambda effect: effect.stage)
     results = []
     for begin in range(0, len(m), _CHUNK):
         chunk = m.rows(slice(begin, begin + _CHUNK))

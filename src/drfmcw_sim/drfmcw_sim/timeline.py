@@ -273,6 +273,8 @@ class Timeline:
             paths=[direct],
             start_delay_jitter=s.timing.start_delay_jitter,
             amplitude_scatter=s.timing.amplitude_scatter,
+            refractive_index=index,
+            setting=settings.trajectory.setting((slots.sweep_id - self._first_sweep_id) // len(s.pairs)),
         )
 
     def _station(self, sweep: SweepSettings, peer_eirp: float, pair: PairSettings, slots: Slots) -> Station:
@@ -338,8 +340,13 @@ class Timeline:
     def _reference(self, number: int, pair: int, time: float, distance: float) -> Event:
         s = self.scenario
         error = stream(s.seed, Purpose.REFERENCE, number).standard_normal() * s.reference.range_std
-        error += sum(float(np.sum(e.reference_error(time, distance))) for e in s.effects)
         p = s.pairs[pair]
+
+        def earlier(t: float) -> float:
+            # between two distances a standing crane is not simulated: its reference has settled
+            return float(p.trajectory.state(None, t)[0]) if isinstance(p.trajectory, Drive) else distance
+
+        error += sum(float(e.reference_error(time, distance, earlier)) for e in s.effects)
         frame = 'reference' if len(s.pairs) == 1 else f'{p.first}/{p.second}'
         stamp = self.stamp(time)
         return Event('/reference/range', stamp, ReferenceReading(stamp, distance + error, s.reference.range_std, frame))

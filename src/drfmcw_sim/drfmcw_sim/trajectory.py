@@ -29,11 +29,15 @@ class Standing:
 
     def moves(self, index: np.ndarray) -> np.ndarray:
         """Return the time spent moving before the pair's sweep number `index` [s]."""
-        return np.minimum(index // self.sweeps, len(self.distances) - 1) * self.move_time
+        return self.setting(index) * self.move_time
+
+    def setting(self, index: np.ndarray) -> np.ndarray:
+        """Return the number of the distance at which it stands at the pair's sweep number `index`."""
+        return np.minimum(index // self.sweeps, len(self.distances) - 1)
 
     def state(self, index: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at the pair's sweeps `index`."""
-        distance = np.asarray(self.distances)[np.minimum(index // self.sweeps, len(self.distances) - 1)]
+        distance = np.asarray(self.distances)[self.setting(index)]
         return distance, np.zeros(len(distance)), np.zeros(len(distance))
 
 
@@ -76,9 +80,17 @@ class Drive:
         """Time until the last way-point's dwell is over [s]."""
         return float(self._phases()[-1, 0] + self.dwell)
 
-    def state(self, index: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at `time` since the scenario's start [s]."""
+    def setting(self, index: np.ndarray) -> np.ndarray:
+        """Return 0 for every sweep: a drive is one setting."""
+        return np.zeros_like(index)
+
+    def state(self, index: np.ndarray | None, time: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at `time` since the scenario's start [s].
+
+        Before the start it stands at the first way-point.
+        """
         phases = self._phases()
+        time = np.maximum(time, 0.0)
         start, distance, velocity, acceleration = phases[np.searchsorted(phases[:, 0], time, side='right') - 1].T
         t = time - start
         return distance + velocity * t + 0.5 * acceleration * t * t, velocity + acceleration * t, acceleration.copy()

@@ -5,12 +5,17 @@ import dataclasses
 from drfmcw_physics.settings import parameter
 
 from ..signal_model import Measurements
-from .base import Effect
+from .base import Effect, Stage
 
 
 @dataclasses.dataclass(frozen=True)
 class AmplitudeLoss(Effect, name='amplitude_loss', of='path'):
     """Loss of the path beyond free space: constant (alignment), per distance (rain), or both."""
+
+    acts_on = 'amplitude'
+    formula = 'P_rx → P_rx − loss − specific R'
+    example = {'loss': 6.0}
+    stage = Stage.PATHS
 
     loss: float = parameter(0.0, unit='dB', bounds=(-60.0, 200.0), description='at every distance')
     specific: float = parameter(0.0, unit='dB/km', bounds=(-100.0, 1000.0), description='in proportion to the distance')

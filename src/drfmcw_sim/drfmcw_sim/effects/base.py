@@ -1,7 +1,9 @@
 """What an effect is: declared parameters, and hooks that act on delay, amplitude, clocks, phase and samples."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import enum
+import typing
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,14 +13,32 @@ from drfmcw_physics.settings import ConfigurationError, from_mapping, nearest
 from ..signal_model import Measurements, Station
 
 
+class Stage(enum.IntEnum):
+    """Order in which effects act, whatever the order in a scenario: the way of the signal."""
+
+    STATE = 0  # clocks, air, motion, powers, and what is added to the IF
+    GEOMETRY = 1  # what the antennas' heights make of distance and motion
+    PATHS = 2  # more paths and losses, which follow the final distance
+    FILTER = 3
+    AMPLIFIER = 4
+    LIMITER = 5
+
+
 @dataclasses.dataclass(frozen=True)
 class Effect:
-    """Base of all effects; a subclass gives its registered name: ``class Echo(Effect, name='echo')``."""
+    """Base of all effects; a subclass gives its registered name: ``class Echo(Effect, name='echo')``.
+
+    What it is stands in its docstring, what it does in `formula`; the catalogue is made from both.
+    """
 
     registry: ClassVar[dict[str, type['Effect']]] = {}
     name: ClassVar[str] = ''
     of: ClassVar[str] = 'path'  # 'station', 'path' or 'reference': what one instance belongs to
     shapes_chirp: ClassVar[bool] = False  # True where chirp_phase is not zero
+    stage: ClassVar[Stage] = Stage.STATE
+    acts_on: ClassVar[str] = ''  # some of: clock, phase, delay, amplitude, noise, samples, reference
+    formula: ClassVar[str] = ''  # one line
+    example: ClassVar[dict[str, float]] = {}  # parameters of a typical size
 
     station: str = dataclasses.field(default='', kw_only=True)
 
@@ -64,8 +84,19 @@ class Effect:
             streams: gives one random generator per sweep, independent of all others.
         """
 
-    def reference_error(self, time: np.ndarray, distance: np.ndarray) -> np.ndarray | float:
-        """Return what the effect adds to the reference instrument's reading at `time` [s] and `distance` [m], in m."""
+    def reference_error(
+        self,
+        time: np.ndarray | float,
+        distance: np.ndarray | float,
+        distance_at: Callable[[np.ndarray | float], np.ndarray | float],
+    ) -> np.ndarray | float:
+        """Return what the effect adds to the reading of the reference instrument [m].
+
+        Args:
+            time: of the reading, since the scenario's start [s].
+            distance: true one at that time [m].
+            distance_at: gives the distance [m] at other times [s].
+        """
         return 0.0
 
 
@@ -85,9 +116,12 @@ def effect_from_mapping(mapping: Mapping[str, Any], where: str, stations: list[s
     name = mapping['effect']
     if name not in Effect.registry:
         raise ConfigurationError(f"{where}: unknown effect '{name}'{nearest(name, sorted(Effect.registry))}")
-    effect = from_mapping(
-        Effect.registry[name], {k: v for k, v in mapping.items() if k != 'effect'}, f'{where}: {name}'
-    )
+    hints = typing.get_type_hints(Effect.registry[name])
+    values = {k: v for k, v in mapping.items() if k != 'effect'}
+    for key, value in values.items():  # a single number stands for a list of one
+        if hints.get(key) == list[float] and (isinstance(value, str) or not isinstance(value, Sequence)):
+            values[key] = [value]
+    effect = from_mapping(Effect.registry[name], values, f'{where}: {name}')
     if effect.station and effect.station not in stations:
         raise ConfigurationError(
             f"{where}: {name}: unknown station '{effect.station}'{nearest(effect.station, stations)}"

@@ -1,4 +1,4 @@
-"""How an error of a reference oscillator moves the clocks made from it."""
+"""The clocks of a station: all are made from its reference oscillator."""
 
 import numpy as np
 
@@ -10,3 +10,8 @@ def shift_reference(station: Station, deviation: np.ndarray | float) -> None:
     before = station.alpha.copy()
     station.alpha += deviation
     station.sample_clock *= station.alpha / before
+
+
+def own_time(station: Station, u: np.ndarray) -> np.ndarray:
+    """Return true time since the sweep start [n, samples] in the station's own seconds."""
+    return station.alpha[:, None] * u

@@ -12,6 +12,10 @@ from .base import Effect
 class DelayOffset(Effect, name='delay_offset', of='path'):
     """Delay of the whole path beyond the calibrated one (a longer cable)."""
 
+    acts_on = 'delay'
+    formula = 'τ → τ + 10⁻⁹ delay'
+    example = {'delay': 0.1}
+
     delay: float = parameter(unit='ns', bounds=(-1e3, 1e3), description='added to the delay of the path')
 
     def prepare(self, m: Measurements) -> None:

@@ -12,6 +12,10 @@ from .base import Effect
 class DelayTemperature(Effect, name='delay_temperature', of='station'):
     """Linear temperature coefficient of a station's delay, zero at the calibration temperature."""
 
+    acts_on = 'delay'
+    formula = 'τ → τ + 10⁻¹² slope (board temperature − calibration temperature)'
+    example = {'slope': 5.0}
+
     slope: float = parameter(
         unit='ps/K', bounds=(-1e4, 1e4), description='of the delay over board temperature, zero at calibration'
     )

@@ -2,16 +2,21 @@
 
 import dataclasses
 
-from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import parameter
 
 from ..signal_model import Measurements, Path
-from .base import Effect
+from .base import Effect, Stage
+from .motion import slowness
 
 
 @dataclasses.dataclass(frozen=True)
 class Echo(Effect, name='echo', of='path'):
     """A reflector beside the direct path, at constant excess range; its carrier phase follows from its length."""
+
+    acts_on = 'delay, amplitude'
+    formula = "second path of length R + excess_range, amplitude 10^(relative_power / 20) of the direct one's"
+    example = {'excess_range': 7.5, 'relative_power': -30.0}
+    stage = Stage.PATHS
 
     excess_range: float = parameter(unit='m', bounds=(0.0, 1e5), description='length beyond the direct path')
     relative_power: float = parameter(unit='dB', bounds=(-200.0, 20.0), description='power relative to the direct path')
@@ -21,7 +26,7 @@ class Echo(Effect, name='echo', of='path'):
         direct = m.paths[0]
         m.paths.append(
             Path(
-                direct.delay + self.excess_range / SPEED_OF_LIGHT,
+                direct.delay + self.excess_range * slowness(m),
                 direct.rate.copy(),
                 direct.acceleration.copy(),
                 direct.amplitude * 10.0 ** (self.relative_power / 20.0),

@@ -12,6 +12,10 @@ from .base import Effect
 class NoiseFloor(Effect, name='noise_floor', of='station'):
     """Excess of the additive noise over the calibrated floor."""
 
+    acts_on = 'noise'
+    formula = 'noise density → noise density + excess'
+    example = {'excess': 3.0}
+
     excess: float = parameter(unit='dB', bounds=(-60.0, 100.0), description='over the calibrated noise floor')
 
     def prepare(self, m: Measurements) -> None:

@@ -13,6 +13,10 @@ from .clocks import shift_reference
 class ReferenceClockOffset(Effect, name='reference_clock_offset', of='station'):
     """Constant deviation of the reference, added to the calibrated alpha; the ADC clock moves with it."""
 
+    acts_on = 'clock'
+    formula = 'α → α + 10⁻⁶ deviation; ADC clock in proportion'
+    example = {'deviation': 2.0}
+
     deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='added to the calibrated alpha')
 
     def prepare(self, m: Measurements) -> None:

@@ -13,6 +13,10 @@ from .clocks import shift_reference
 class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of='station'):
     """Linear temperature coefficient of alpha, zero at the calibration temperature; the ADC clock moves with it."""
 
+    acts_on = 'clock'
+    formula = 'α → α + 10⁻⁶ slope (board temperature − calibration temperature); ADC clock in proportion'
+    example = {'slope': 0.1}
+
     slope: float = parameter(
         unit='ppm/K', bounds=(-50.0, 50.0), description='of alpha over board temperature, zero at calibration'
     )

@@ -12,6 +12,10 @@ from .base import Effect
 class SampleClockOffset(Effect, name='sample_clock_offset', of='station'):
     """Deviation of the ADC clock relative to its calibration; the chirp is not touched."""
 
+    acts_on = 'clock'
+    formula = 'ADC clock → ADC clock (1 + 10⁻⁶ deviation)'
+    example = {'deviation': 10.0}
+
     deviation: float = parameter(
         unit='ppm', bounds=(-500.0, 500.0), description='of the ADC clock from its calibration'
     )

@@ -15,6 +15,10 @@ from .base import Effect
 class Spur(Effect, name='spur', of='station'):
     """A free-running line (switching regulator, clock harmonic), its phase random from sweep to sweep."""
 
+    acts_on = 'samples'
+    formula = 'x → x + s 10^(level / 20) cos(2π frequency t + φ), φ uniform in each sweep, s full scale'
+    example = {'frequency': 300000.0, 'level': -70.0}
+
     frequency: float = parameter(unit='Hz', bounds=(0.0, 1e10), description='of the line in the IF')
     level: float = parameter(unit='dBFS', bounds=(-200.0, 20.0), description='amplitude; a full-scale sine is 0 dBFS')
 

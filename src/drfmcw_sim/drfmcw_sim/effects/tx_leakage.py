@@ -15,6 +15,10 @@ from .base import Effect
 class TxLeakage(Effect, name='tx_leakage', of='station'):
     """Leakage over a path without delay: mixed with itself, the chirp gives a constant while it is on."""
 
+    acts_on = 'samples'
+    formula = 'x → x + s 10^(level / 20) while the chirp is on, s full scale'
+    example = {'level': -40.0}
+
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 20.0), description='of the constant; ADC full scale is 0 dBFS'
     )

@@ -1,0 +1,33 @@
+"""The receiver is not linear."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements, Station
+from .base import Effect, Stage
+
+
+@dataclasses.dataclass(frozen=True)
+class Compression(Effect, name='compression', of='station'):
+    """Third-order curve of the IF amplifier, for I and Q each; its harmonics alias as those of hardware do."""
+
+    acts_on = 'samples'
+    formula = 'x → x − third_order x³, x = 1 at full scale; an amplitude A loses ¾ c A³ and gains ¼ c A³ at 3f'
+    example = {'third_order': 0.1}
+    stage = Stage.AMPLIFIER
+
+    third_order: float = parameter(bounds=(-1.0, 1.0), description='c; positive compresses')
+
+    def receive(
+        self,
+        signal: np.ndarray,
+        station: Station,
+        m: Measurements,
+        streams: Callable[[], list[np.random.Generator]],
+    ) -> None:
+        """Bend the signal."""
+        signal -= np.float32(self.third_order / station.full_scale**2) * (signal * signal * signal)

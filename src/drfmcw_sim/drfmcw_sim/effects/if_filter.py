@@ -1,0 +1,48 @@
+"""The IF path is a low-pass."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from scipy import fft
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements, Station
+from .base import Effect, Stage
+
+
+@dataclasses.dataclass(frozen=True)
+class IfFilter(Effect, name='if_filter', of='station'):
+    """First-order low-pass between mixer and amplifier, for signal, leakage and noise alike.
+
+    Discretised by its analogue response H(f) at every frequency up to Nyquist, on the spectrum of the record padded
+    with as many zeros: exact for what is sampled without aliasing, whatever the pole, also above Nyquist. A cut-off
+    at Nyquist rings: n samples from a step of the signal by |Im H(f_s/2)| / (pi n) of the step.
+    """
+
+    acts_on = 'samples'
+    formula = 'X(f) → X(f) / (1 + j f / pole)'
+    example = {'pole': 2e6}
+    stage = Stage.FILTER
+
+    pole: float = parameter(unit='Hz', bounds=(1e3, 1e18), description='frequency at which the power is halved')
+
+    def receive(
+        self,
+        signal: np.ndarray,
+        station: Station,
+        m: Measurements,
+        streams: Callable[[], list[np.random.Generator]],
+    ) -> None:
+        """Filter the signal."""
+        rate = station.sweep.sample_rate * station.sample_clock
+        if np.all(rate < 1e-7 * self.pole):  # nothing that float32 could hold
+            return
+        count = signal.shape[1]
+        period = fft.next_fast_len(2 * count, real=True)
+        frequency = np.arange(period // 2 + 1) * (rate / period)[:, None]
+        response = (1.0 / (1.0 + 1j * frequency / self.pole)).astype(np.complex64)
+        channels = [signal[..., 0], signal[..., 1]] if station.iq else [signal]
+        for channel in channels:
+            channel[...] = fft.irfft(fft.rfft(channel, period) * response, period)[:, :count]

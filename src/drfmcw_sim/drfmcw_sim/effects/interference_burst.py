@@ -1,0 +1,48 @@
+"""Another transmitter crosses the band."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements, Station
+from .base import Effect
+
+
+@dataclasses.dataclass(frozen=True)
+class InterferenceBurst(Effect, name='interference_burst', of='station'):
+    """In some sweeps a burst of white noise, its start uniform over the record, cut off at the record's end."""
+
+    acts_on = 'noise'
+    formula = 'x → x + s 10^(level / 20) √½ w(t) for t₀ ≤ t < t₀ + duration, w white with unit variance, s full scale'
+    example = {'probability': 0.1, 'level': -40.0, 'duration': 5e-5}
+
+    probability: float = parameter(bounds=(0.0, 1.0), description='of a burst in a sweep')
+    level: float = parameter(
+        unit='dBFS', bounds=(-200.0, 40.0), description='power of the burst; that of a full-scale sine is 0 dBFS'
+    )
+    duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='of a burst')
+
+    def receive(
+        self,
+        signal: np.ndarray,
+        station: Station,
+        m: Measurements,
+        streams: Callable[[], list[np.random.Generator]],
+    ) -> None:
+        """Add the bursts (to I and Q alike strong, independent)."""
+        count = station.sweep.sample_count
+        deviation = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
+        if self.probability == 0.0:
+            return
+        for row, generator in enumerate(streams()):
+            chance, place = generator.random(2)
+            if chance >= self.probability:
+                continue
+            rate = station.sweep.sample_rate * station.sample_clock[row]
+            begin = int(np.ceil(place * count))
+            end = int(np.ceil(min(place * count + self.duration * rate, count)))
+            noise = generator.standard_normal(signal[row, begin:end].shape, dtype=np.float32)
+            signal[row, begin:end] += deviation * noise

@@ -1,0 +1,32 @@
+"""The reference oscillator ages or warms up."""
+
+import dataclasses
+
+import numpy as np
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+from .clocks import shift_reference
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceClockDrift(Effect, name='reference_clock_drift', of='station'):
+    """Deviation of alpha that changes with time: steady drift from the start on, or warm-up to the calibrated value."""
+
+    acts_on = 'clock'
+    formula = 'α → α + 10⁻⁶ (rate t / 3600 s + warmup exp(−t / time_constant)), t since the start'
+    example = {'warmup': 2.0, 'time_constant': 300.0}
+
+    rate: float = parameter(0.0, unit='ppm/h', bounds=(-100.0, 100.0), description='steady drift, zero at the start')
+    warmup: float = parameter(
+        0.0, unit='ppm', bounds=(-100.0, 100.0), description='deviation at the start that dies out as it warms up'
+    )
+    time_constant: float = parameter(300.0, unit='s', bounds=(1.0, 1e6), description='of the warm-up')
+
+    def prepare(self, m: Measurements) -> None:
+        """Shift alpha and the ADC clock."""
+        deviation = self.rate * m.time / 3600.0 + self.warmup * np.exp(-m.time / self.time_constant)
+        for station in self.own_stations(m):
+            shift_reference(station, 1e-6 * deviation)

@@ -1,0 +1,23 @@
+"""The reference counts from another point."""
+
+import dataclasses
+from collections.abc import Callable
+
+from drfmcw_physics.settings import parameter
+
+from .base import Effect
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceOffset(Effect, name='reference_offset', of='reference'):
+    """Constant error of the reference instrument (antenna offset, prism constant)."""
+
+    acts_on = 'reference'
+    formula = 'reading = R + offset'
+    example = {'offset': 0.01}
+
+    offset: float = parameter(unit='m', bounds=(-1e4, 1e4), description='added to each reading')
+
+    def reference_error(self, time, distance, distance_at: Callable):
+        """Return the error of the reading [m]."""
+        return self.offset

@@ -1,0 +1,32 @@
+"""The antenna sways."""
+
+import dataclasses
+
+import numpy as np
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+from .motion import move
+
+
+@dataclasses.dataclass(frozen=True)
+class Sway(Effect, name='sway', of='path'):
+    """The distance swings about the reference's one, with place, velocity and acceleration at each sweep's start.
+
+    What it leaves out within a sweep is (2 pi frequency t)^3 / 6 of the amplitude.
+    """
+
+    acts_on = 'delay'
+    formula = 'R(t) → R(t) + amplitude sin(2π frequency t), t since the start of the recording'
+    example = {'amplitude': 0.005, 'frequency': 0.7}
+
+    amplitude: float = parameter(unit='m', bounds=(-100.0, 100.0), description='of the distance')
+    frequency: float = parameter(unit='Hz', bounds=(0.0, 50.0), description='of the sway')
+
+    def prepare(self, m: Measurements) -> None:
+        """Move the crane."""
+        omega = 2.0 * np.pi * self.frequency
+        place = self.amplitude * np.sin(omega * m.time)
+        move(m, place, self.amplitude * omega * np.cos(omega * m.time), -(omega**2) * place)

@@ -1,0 +1,28 @@
+"""The ramp ripples."""
+
+import dataclasses
+
+import numpy as np
+
+from drfmcw_physics.settings import parameter
+
+from ..signal_model import Station
+from .base import Effect
+from .clocks import own_time
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepRipple(Effect, name='sweep_ripple', of='station'):
+    """Sinusoidal frequency error locked to the sweep (DAC steps, coupled clock), zero at its start, in own-clock Hz."""
+
+    acts_on = 'phase'
+    formula = 'δf(t) = deviation sin(2π rate t), φ = (deviation / rate) (1 − cos(2π rate t))'
+    example = {'deviation': 200.0, 'rate': 5000.0}
+    shapes_chirp = True
+
+    deviation: float = parameter(unit='Hz', bounds=(-1e8, 1e8), description='peak of the frequency error')
+    rate: float = parameter(unit='Hz', bounds=(1.0, 1e9), description='of the sine over the time since the ramp starts')
+
+    def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:
+        """Return the integral of the frequency error over the station's own time [rad]."""
+        return (self.deviation / self.rate) * (1.0 - np.cos((2.0 * np.pi * self.rate) * own_time(station, u)))

@@ -1,0 +1,45 @@
+"""The crane moves while it is measured."""
+
+import dataclasses
+
+import numpy as np
+
+from drfmcw_physics.settings import ConfigurationError, parameter
+
+from ..signal_model import Measurements
+from .base import Effect
+from .motion import move
+
+
+@dataclasses.dataclass(frozen=True)
+class TargetMotion(Effect, name='target_motion', of='path'):
+    """Velocity that the reference distance of each sweep does not show: Doppler shift and movement within the sweep."""
+
+    acts_on = 'delay'
+    formula = 'R(t) → R + velocity t, t since the sweep of station 1 starts; it reads f_c velocity / k + velocity t'
+    example = {'velocity': 0.5}
+
+    velocity: list[float] = parameter(
+        unit='m/s',
+        bounds=(-1e3, 1e3),
+        description="growth of the distance; a number, or a list with one for each of a standing crane's distances",
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse an empty list."""
+        if not self.velocity:
+            raise ConfigurationError('velocity is empty')
+
+    def prepare(self, m: Measurements) -> None:
+        """Move the crane.
+
+        Raises:
+            ConfigurationError: fewer velocities than distances.
+        """
+        velocity = np.asarray(self.velocity)
+        if len(velocity) > 1:
+            setting = np.broadcast_to(m.setting, len(m))
+            if setting.max() >= len(velocity):
+                raise ConfigurationError(f'target_motion: {len(velocity)} velocities are too few for the distances')
+            velocity = velocity[setting]
+        move(m, velocity=velocity)
