@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drfmcw_node.estimation import EstimatorSettings, Flag, estimator
+from drfmcw_node.estimation import EstimatorSettings, Flag
+from drfmcw_node.estimators import estimator
 from drfmcw_node.processing import EarlySweeps, StationProcessor, Sweep
 from drfmcw_physics.bounds import additive_std
 from drfmcw_physics.oscillators import Calibration

@@ -66,9 +66,9 @@ def test_delay_is_exact_for_any_clocks_and_start_delay(mode, delay, start_delay,
     assume((slope * f2 > 0) == (mode == Mode.SHORT_DISTANCE))
     first = Station(beat(one, abs(f1)), one, calibration('master', a1, b1))
     second = Station(beat(two, abs(f2)), two, calibration('slave', a2, b2))
-    path = combine(first, second, 'hann')
+    path = combine(first, second)
     assert path.delay == pytest.approx(delay, abs=1e-13)
-    nominal = combine(first, second, 'hann', alpha_correction=False)
+    nominal = combine(first, second, alpha_correction=False)
     assert nominal.delay == nominal.uncorrected == path.uncorrected
 
 
@@ -79,7 +79,6 @@ def test_uncorrected_clocks_cost_what_equation_21_says():
     path = combine(
         Station(beat(one, f1), one, calibration('master', a1)),
         Station(beat(two, f2), two, calibration('slave', a2)),
-        'hann',
     )
     bias = (path.uncorrected - path.delay) * SPEED_OF_LIGHT
     assert bias == pytest.approx(delay * SPEED_OF_LIGHT * (a1**2 + a2**2 - 2) / 2, abs=1e-6)
@@ -95,7 +94,7 @@ def test_adc_clock_of_station_2_off_by_20_ppm(mode, distance, bias):
     delay = distance / SPEED_OF_LIGHT
     f1, f2 = (abs(f) for f in lines(one, delay, 1.0, 1.0, 1.0, 1 + 20e-6))
     path = combine(
-        Station(beat(one, f1), one, calibration('master')), Station(beat(two, f2), two, calibration('slave')), 'hann'
+        Station(beat(one, f1), one, calibration('master')), Station(beat(two, f2), two, calibration('slave'))
     )
     assert (path.delay - delay) * SPEED_OF_LIGHT == pytest.approx(bias, abs=0.1e-3)
 
@@ -103,7 +102,7 @@ def test_adc_clock_of_station_2_off_by_20_ppm(mode, distance, bias):
 def test_station_that_hears_itself_has_one_line_at_k_tau():
     sweep = SweepSettings('radar', 'radar', bandwidth=250e6, start_delay=0.0, mode=Mode.LONG_DISTANCE)
     station = Station(beat(sweep, 250e9 * 100e-9), sweep, calibration('radar', 1 + 10e-6, 1 - 5e-6))
-    assert own_path(station, 'hann').delay == pytest.approx(100e-9 * (1 - 5e-6) / (1 + 10e-6) ** 2, rel=1e-12)
+    assert own_path(station).delay == pytest.approx(100e-9 * (1 - 5e-6) / (1 + 10e-6) ** 2, rel=1e-12)
 
 
 def fusion_of(pairs, **changes):

@@ -34,7 +34,7 @@ class PathDelay:
     center_frequency: float  # sweep frequency at that time [Hz]
 
 
-def combine(first: Station, second: Station, window: str, alpha_correction: bool = True) -> PathDelay:
+def combine(first: Station, second: Station, alpha_correction: bool = True) -> PathDelay:
     """Combine both stations' results of one sweep.
 
     The start times and offsets cancel as in eqs. 5 and 6. Since each station analyses the part of the sweep in which
@@ -45,7 +45,6 @@ def combine(first: Station, second: Station, window: str, alpha_correction: bool
     Args:
         first: station 1 (starts first).
         second: station 2.
-        window: of the stations' estimator, for the standard deviation.
         alpha_correction: use the calibrated clocks; False takes all as nominal.
     """
     sweep = first.sweep
@@ -66,14 +65,14 @@ def combine(first: Station, second: Station, window: str, alpha_correction: bool
     return PathDelay(
         uncorrected=uncorrected,
         delay=delay,
-        std=_delay_std(first, second, delay, window),
+        std=_delay_std(first, second, delay),
         carrier_phase=_carrier_phase(first, second),
         center_time=center,
         center_frequency=sweep.start_frequency + k * center,
     )
 
 
-def own_path(station: Station, window: str, alpha_correction: bool = True) -> PathDelay:
+def own_path(station: Station, alpha_correction: bool = True) -> PathDelay:
     """Return the delay of a station that hears itself: its line stands at k tau (reflector or cable loop).
 
     Args and result as `combine`.
@@ -105,30 +104,25 @@ def _carrier_phase(first: Station, second: Station) -> float:
     return s1 * first.beat.phase - s2 * (second.beat.phase - late)
 
 
-def _delay_std(first: Station, second: Station, delay: float, window: str) -> float:
+def _delay_std(first: Station, second: Station, delay: float) -> float:
     """Return the standard deviation of the combined delay [s].
 
     Additive noise and the mirror line's share are independent at the two stations; each oscillator's phase noise
-    reaches both and passes the combination through 4 sin^2(pi f tau) (limits: docs/architecture.md).
+    reaches both and passes the combination through 4 sin^2(pi f tau), where both weigh their samples alike.
     """
-    start, end = first.sweep.analysis_window()
-    duration = end - start
+    beats = first.beat, second.beat
     oscillators = [
         PhaseNoise(s.calibration.phase_noise_level, s.calibration.phase_noise_corner) for s in (first, second)
     ]
-    if not all(oscillator.known for oscillator in oscillators):
-        variance = first.beat.frequency_std**2 + second.beat.frequency_std**2
+    window = first.beat.window
+    shared = window and window == second.beat.window and all(oscillator.known for oscillator in oscillators)
+    if not shared or not all(beat.independent_std > 0.0 for beat in beats):
+        variance = sum(beat.frequency_std**2 for beat in beats)
     else:
-        variance = 0.0
+        start, end = first.sweep.analysis_window()
         rounded = round(abs(delay) / _DELAY_GRID) * _DELAY_GRID
-        for station, oscillator in zip((first, second), oscillators, strict=True):
-            noise_ratio = 10.0 ** (-station.beat.snr / 10.0) * (station.sweep.ramp_duration / duration)
-            noise_ratio += sum(
-                float(bounds.image_noise_ratio(o, station.beat.frequency, duration, station.sweep.sample_rate))
-                for o in oscillators
-            )
-            variance += float(bounds.additive_std(1.0 / noise_ratio, duration, window)) ** 2
-            variance += _phase_noise_std(oscillator, duration, window, rounded) ** 2
+        variance = sum(beat.independent_std**2 for beat in beats)
+        variance += sum(_phase_noise_std(o, end - start, window, rounded) ** 2 for o in oscillators)
     return math.sqrt(variance) / abs(2.0 * first.sweep.chirp_rate)
 
 

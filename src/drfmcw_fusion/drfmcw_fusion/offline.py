@@ -99,7 +99,7 @@ class RecordingReplay:
             bag.require(f'/{station}/sweep_config')
         self.missing = [f'{topic} is missing: {why}' for topic, why in self._optional() if topic not in bag.topics]
         estimator = estimator or EstimatorSettings()
-        self._fusion = RangeFusion(dataclasses.replace(fusion or FusionSettings(), window=estimator.window))
+        self._fusion = RangeFusion(fusion)
         self._processors = {name: StationProcessor(estimator) for name in self.stations}
         for name in self.stations:
             if f'/{name}/calibration' not in bag.topics:  # nominal clocks; the ranges are flagged as uncalibrated

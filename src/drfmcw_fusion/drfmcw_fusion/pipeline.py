@@ -162,7 +162,7 @@ class RangeFusion:
         station = self._station(beat)
         if station is None:
             return None
-        path = own_path(station, self.settings.window, self.settings.alpha_correction)
+        path = own_path(station, self.settings.alpha_correction)
         return self._result(station, station, path, station.calibration.delay)
 
     def _fuse(self, one: Beat, other: Beat) -> RangeResult | None:
@@ -171,7 +171,7 @@ class RangeFusion:
             return None
         first, second = sorted(stations, key=lambda s: s.sweep.role)
         try:
-            path = combine(first, second, self.settings.window, self.settings.alpha_correction)
+            path = combine(first, second, self.settings.alpha_correction)
         except (ZeroDivisionError, OverflowError) as error:
             raise ConfigurationError(f"settings of '{first.sweep.station}': {error}") from None
         return self._result(first, second, path, first.calibration.delay + second.calibration.delay)

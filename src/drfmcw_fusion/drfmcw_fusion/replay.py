@@ -47,6 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, choices in (('atmosphere', None), ('velocity', None)):
         declared = declared_parameters(FusionSettings)[name][1]
         offline.add_argument(f'--{name}', choices=declared.choices or choices, help=declared.description)
+    offline.add_argument('--estimator', help=declared_parameters(EstimatorSettings)['estimator'][1].description)
     offline.add_argument('--window', help=declared_parameters(EstimatorSettings)['window'][1].description)
     offline.add_argument('--no-alpha', action='store_true', help='take all clocks as nominal (no eq. 19)')
     live = parser.add_argument_group('into the live graph')
@@ -72,9 +73,9 @@ def settings_from(arguments: argparse.Namespace) -> tuple[EstimatorSettings, Fus
         if key not in ('estimator', 'fusion'):
             raise ConfigurationError(f"{where}: unknown key '{key}'{nearest(key, ('estimator', 'fusion'))}")
     estimator = from_mapping(EstimatorSettings, sections.get('estimator'), f'{where}: estimator')
-    if arguments.window:
-        from_mapping(EstimatorSettings, {'window': arguments.window}, 'options')  # refuses an unknown one
-        estimator = dataclasses.replace(estimator, window=arguments.window)
+    options = {name: getattr(arguments, name) for name in ('estimator', 'window') if getattr(arguments, name)}
+    from_mapping(EstimatorSettings, options, 'options')  # refuses unknown names
+    estimator = dataclasses.replace(estimator, **options)
     fusion = from_mapping(FusionSettings, sections.get('fusion'), f'{where}: fusion')
     chosen = {name: getattr(arguments, name) for name in ('atmosphere', 'velocity') if getattr(arguments, name)}
     if arguments.no_alpha:

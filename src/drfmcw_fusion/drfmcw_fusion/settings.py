@@ -10,10 +10,6 @@ from drfmcw_physics.settings import ConfigurationError, parameter
 class FusionSettings:
     """How beat frequencies become ranges; each field is a ROS parameter and a key of the site file."""
 
-    window: str = parameter(
-        'hann',
-        description="window of the stations' estimator (scipy.signal.get_window name), for the standard deviation",
-    )
     pair_time_limit: float = parameter(
         1.0, unit='s', bounds=(1e-3, 60.0), description='how long a result waits for its partner of the same sweep'
     )

@@ -1,7 +1,7 @@
 """Beat frequency of a batch of sweeps, with standard deviation, phase, power, signal-to-noise ratio and flags.
 
-Free of ROS. An estimator is made once per setting (`estimator`) and called with the samples of any number of sweeps;
-the result of each sweep is the same to the last bit whatever the batch.
+Free of ROS. An estimator is made once per setting (`estimators.estimator`) and called with the samples of any number
+of sweeps; the result of each sweep is the same to the last bit whatever the batch.
 
 Conventions: frequencies count on the station's own nominal clock. The line is the one at positive frequency,
 A cos(phase), and `phase` is its phase at the nominal sweep's centre, T_sw/2 after the first sample. A quadrature
@@ -11,10 +11,11 @@ positive there too.
 
 import dataclasses
 import enum
-import functools
 import math
+from typing import ClassVar
 
 import numpy as np
+import scipy.fft
 
 from drfmcw_physics.bounds import additive_std, image_noise_ratio, phase_noise_std
 from drfmcw_physics.oscillators import Calibration
@@ -22,14 +23,16 @@ from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings, residual_chirp
 
 from .noise import NoiseMeter, oscillators
-from .spectral import ChirpZ, parabola_value, parabola_vertex, window_samples
+from .spectral import window_samples
 
 WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
 """scipy.signal.get_window names that can be chosen."""
 
-_CHUNK = 1 << 17  # samples worked on at once: their temporaries stay in the cache
+TINY = 1e-30
+"""Squared magnitude that stands for none at all [LSB^2]."""
+
+_CHUNK = 1 << 16  # samples worked on at once: their temporaries stay in the cache
 _DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
-_TINY = 1e-30  # squared magnitude that stands for none at all [LSB^2]
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -49,9 +52,16 @@ class EstimatorSettings:
     """Settings of the beat-frequency estimation."""
 
     estimator: str = parameter(
-        'paper', choices=('paper',), description='estimator: FFT, chirp-z zoom and parabola (paper)'
+        'paper',
+        choices=('paper', 'hann', 'ml'),
+        description='FFT, chirp-z zoom and parabola (paper), FFT and one Newton step (hann, fastest), '
+        'maximum likelihood with the mirror line (ml, most accurate)',
     )
-    window: str = parameter('hann', choices=WINDOWS, description='window over the common part of both sweeps')
+    window: str = parameter(
+        'hann',
+        choices=WINDOWS,
+        description='window over the common part of both sweeps; estimators hann and ml have their own',
+    )
     zoom_points: int = parameter(33, bounds=(5, 1025), description='points of the chirp-z zoom')
     zoom_span: float = parameter(2.0, unit='bins', bounds=(1.0, 16.0), description='width of the chirp-z zoom')
     guard_bins: float = parameter(
@@ -71,7 +81,11 @@ class EstimatorSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse an empty search range."""
+        """Refuse an empty search range, and a window that would not be used."""
+        if self.estimator != 'paper' and self.window != 'hann':
+            raise ConfigurationError(
+                f"window = '{self.window}' is for estimator 'paper'; '{self.estimator}' has its own"
+            )
         if self.minimum_frequency >= self.maximum_frequency:
             raise ConfigurationError(
                 f'minimum_frequency = {self.minimum_frequency:g} Hz is not below '
@@ -86,12 +100,25 @@ class Estimates:
     flags: np.ndarray  # uint8, bits of Flag
     frequency: np.ndarray  # [Hz], on the station's own nominal clock; NaN where the sweep holds no signal at all
     frequency_std: np.ndarray  # of this station's frequency alone [Hz]
+    independent_std: np.ndarray  # its part without the oscillators' noise around the line, which the peer shares [Hz]
     phase: np.ndarray  # at the sweep's centre [rad]
     power: np.ndarray  # at the receive antenna port [dBm]; NaN where full_scale_power is unknown
     snr: np.ndarray  # line power over additive noise power in one bin of 1/ramp_duration [dB]
     spectrum: np.ndarray | None  # magnitude (B, K) float32 [dBFS], None where not asked for
+    window: str  # by which the estimate weighs the samples
     spectrum_start: float  # frequency of its first bin [Hz]
     spectrum_step: float  # [Hz]
+
+
+@dataclasses.dataclass
+class Sweeps:
+    """A chunk of B sweeps between coarse search and refinement; a refinement may move `peak`."""
+
+    record: np.ndarray  # (B, N) less the mean, float32 or complex64 [LSB]
+    windowed: np.ndarray  # the same windowed and de-chirped
+    spectrum: np.ndarray  # its bins from 0 Hz up (B, K), complex64
+    power: np.ndarray  # their squared magnitude (B, K)
+    peak: np.ndarray  # strongest bin within the search range (B,)
 
 
 class Estimator:
@@ -99,6 +126,9 @@ class Estimator:
 
     A subclass says in `_refine` how the line is found around its strongest bin.
     """
+
+    own_weighting: ClassVar[str] = ''
+    """Window by which the estimate weighs the samples, where that is not the window of the search."""
 
     def __init__(
         self,
@@ -121,6 +151,7 @@ class Estimator:
             ConfigurationError: the settings leave no window or no frequency to search.
         """
         self.sweep, self.settings, self.iq = sweep, settings, iq
+        self.weighting = self.own_weighting or settings.window
         rate, count = sweep.sample_rate, sweep.sample_count
         start, end = sweep.analysis_window()
         self.duration, self.center = end - start, (start + end) / 2
@@ -128,9 +159,10 @@ class Estimator:
             raise ConfigurationError(f'station {sweep.station}: fewer than 16 samples lie in the analysis window')
         # a length without large prime factors keeps the FFT fast; Table 1's 2048 stays as it is
         self.length = _fft_length(count)
-        self.window = window_samples(settings.window, start, end, rate, count)
-        self._window_sum = float(self.window.sum())
-        window_power = float((self.window**2).sum())
+        window = window_samples(settings.window, start, end, rate, count)
+        self._window = window.astype(np.float32)
+        self._window_sum = float(window.sum())
+        window_power = float((window**2).sum())
         bin_width, resolution = rate / self.length, 1.0 / self.duration
         lowest = max(settings.guard_bins * resolution, settings.minimum_frequency)
         highest = min(rate / 2 - settings.guard_bins * resolution, settings.maximum_frequency)
@@ -143,7 +175,7 @@ class Estimator:
         self._dechirp = self._chirp_factor(own, peer)
         calibrations = (own,) if sweep.hears_itself else (own, peer)
         self.noises = oscillators(*calibrations)
-        autocorrelation = np.abs(np.fft.fft(self.window**2, self.length)[: 2 * _LOBE_BINS] / window_power) ** 2
+        autocorrelation = np.abs(np.fft.fft(window**2, self.length)[: 2 * _LOBE_BINS] / window_power) ** 2
         self.meter = NoiseMeter(
             sweep=sweep,
             noises=self.noises,
@@ -159,7 +191,7 @@ class Estimator:
         )
         # each oscillator's noise passes whole into a single station's frequency
         self._phase_noise_variance = sum(
-            phase_noise_std(n, self.duration, settings.window) ** 2 for n in self.noises if not sweep.hears_itself
+            phase_noise_std(n, self.duration, self.weighting) ** 2 for n in self.noises if not sweep.hears_itself
         )
 
     def __call__(
@@ -181,13 +213,14 @@ class Estimator:
             parts.append(self._estimate(samples[chunk], full_scale[chunk], wanted))
         fields = parts[0] if len(parts) == 1 else [np.concatenate(p) for p in zip(*parts, strict=True)]
         return Estimates(
-            *fields[:6],
-            spectrum=fields[6] if spectrum is not None else None,
+            *fields[:7],
+            spectrum=fields[7] if spectrum is not None else None,
+            window=self.weighting,
             spectrum_start=-(self.length // 2) * self.sweep.sample_rate / self.length if self.iq else 0.0,
             spectrum_step=self.sweep.sample_rate / self.length,
         )
 
-    def _refine(self, windowed: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _refine(self, sweeps: 'Sweeps') -> tuple[np.ndarray, np.ndarray]:
         """Return (frequency [bins], complex amplitude of the windowed line at the window centre), each (B,)."""
         raise NotImplementedError
 
@@ -202,50 +235,75 @@ class Estimator:
             self.chirp = 0.0
             return None
         t = np.arange(self.sweep.sample_count) / self.sweep.sample_rate - self.center
-        return np.exp(-1j * np.pi * self.chirp * t**2)
+        return np.exp(-1j * np.pi * self.chirp * t**2).astype(np.complex64)
 
     def _estimate(self, samples: np.ndarray, full_scale: np.ndarray, wanted: np.ndarray | None) -> list[np.ndarray]:
-        """Return the six result arrays of one chunk and, where asked for, the spectra of the sweeps `wanted`."""
+        """Return the seven result arrays of one chunk and, where asked for, the spectra of the sweeps `wanted`."""
         samples = np.ascontiguousarray(samples)
-        shown = None
-        if self.iq:
-            windowed, shown = self._upright(samples)
-        else:
-            # a constant would leak into the search range; integer sums are exact, whatever their order
-            mean = samples.sum(axis=1, dtype=np.int64) / samples.shape[1]
-            windowed = samples - mean[:, None]
-            windowed *= self.window
-        if self._dechirp is not None:
-            windowed = windowed * self._dechirp
-        positive = self.length // 2 + 1
-        if np.iscomplexobj(windowed):
-            spectrum = np.fft.fft(windowed, self.length)[:, :positive]
-        else:
-            spectrum = np.fft.rfft(windowed, self.length)
+        record, windowed, spectrum, shown = self._transform(samples)
         power = spectrum.real**2
         power += spectrum.imag**2
         if shown is None:
             shown = power
         peak = power[:, self._first : self._last + 1].argmax(axis=1) + self._first
-        bins, amplitude = self._refine(windowed, peak)
+        sweeps = Sweeps(record, windowed, spectrum, power, peak)
+        bins, amplitude = self._refine(sweeps)
         line = amplitude.real**2 + amplitude.imag**2
-        noise = self.meter.measure(power, peak, line, full_scale)
+        noise = self.meter.measure(power, sweeps.peak, line, full_scale)
         magnitude = [] if wanted is None else [self._decibel_full_scale(shown[wanted], full_scale[wanted])]
-        return self._results(samples, power, peak, bins, amplitude, line, noise, full_scale) + magnitude
+        return self._results(samples, power, sweeps.peak, bins, amplitude, line, noise, full_scale) + magnitude
+
+    def _transform(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return the sweeps free of their mean, the same windowed and de-chirped, bins from 0 Hz up, and what to show.
+
+        float32: its 1e-7 lies below the rounding of a 16-bit ADC. A quadrature sweep whose line stands at negative
+        frequency is conjugated; shown is then the power of all bins as received, else None.
+        """
+        positive = self.length // 2 + 1
+        if self.iq:
+            record = self._without_mean(samples.reshape(len(samples), -1, 2)).view(np.complex64)[..., 0]
+            windowed = record * self._window
+            spectrum = scipy.fft.fft(windowed, self.length)
+            power = spectrum.real**2 + spectrum.imag**2
+            above = power[:, self._first : self._last + 1].max(axis=1)
+            below = power[:, self.length - self._last : self.length - self._first + 1].max(axis=1)
+            reversed_rows = (below > above)[:, None]
+            record = np.where(reversed_rows, record.conj(), record)
+            windowed = np.where(reversed_rows, windowed.conj(), windowed)
+            shown = np.fft.fftshift(power, axes=1)
+            if self._dechirp is None and not reversed_rows.any():
+                return record, windowed, spectrum[:, :positive], shown
+        else:
+            record, shown = self._without_mean(samples), None
+            windowed = record * self._window
+            if self._dechirp is None:
+                return record, windowed, scipy.fft.rfft(windowed, self.length), shown
+        if self._dechirp is not None:
+            windowed = windowed * self._dechirp
+        return record, windowed, scipy.fft.fft(windowed, self.length)[:, :positive], shown
+
+    @staticmethod
+    def _without_mean(samples: np.ndarray) -> np.ndarray:
+        """Return sweeps (B, N) or (B, N, 2) as float32 less their mean; it would leak into the search range."""
+        # integer sums are exact, whatever their order
+        mean = samples.sum(axis=1, dtype=np.int64) / samples.shape[1]
+        record = samples.astype(np.float32)
+        record -= mean[:, None].astype(np.float32)
+        return record
 
     def _results(self, samples, power, peak, bins, amplitude, line, noise, full_scale) -> list[np.ndarray]:
-        """Return the six result arrays from the refined line and the noise [LSB^2]; arguments as in `_estimate`."""
+        """Return the seven result arrays from the refined line and the noise [LSB^2]; arguments as in `_estimate`."""
         sweep, settings = self.sweep, self.settings
         frequency = bins * (sweep.sample_rate / self.length)
         absent = line <= 0.0
-        line = np.where(absent, _TINY, line)
+        line = np.where(absent, TINY, line)
         ratio = line / self._window_sum**2 / noise * sweep.sample_rate  # of line to noise density [Hz]
         snr = ratio * sweep.ramp_duration
         lead = sweep.ramp_duration / 2 - self.center
         phase = np.angle(amplitude) + 2.0 * np.pi * (frequency * lead + 0.5 * self.chirp * lead**2)
         level = self._decibel_full_scale(line, full_scale)
         snr_decibel = 10.0 * np.log10(snr)
-        std = self._frequency_std(frequency, ratio * self.duration)
+        std, independent = self._frequency_std(frequency, ratio * self.duration)
         second = self._second_line(power, peak) / line  # a line itself only where it is not weak
         ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
             second * snr > 10.0 ** (settings.weak_threshold / 10.0)
@@ -262,23 +320,30 @@ class Estimator:
             flags,
             np.where(absent, np.nan, frequency),
             np.where(absent, np.inf, std),
+            np.where(absent, np.inf, independent),
             np.where(absent, np.nan, np.remainder(phase + np.pi, 2.0 * np.pi) - np.pi),
             np.where(absent, -np.inf, level) + sweep.full_scale_power,
             np.where(absent, -np.inf, snr_decibel),
         ]
 
-    def _frequency_std(self, frequency: np.ndarray, snr: np.ndarray) -> np.ndarray:
-        """Return the standard deviation of a single station's frequency [Hz]; `snr` in a bin of 1/duration."""
+    def _frequency_std(self, frequency: np.ndarray, snr: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the standard deviation of a single station's frequency, and without the oscillators' noise around it.
+
+        Args:
+            frequency: of the line (B,) [Hz].
+            snr: line power over additive noise power in a bin of 1/duration (B,) [1].
+        """
         inverse = 1.0 / snr
         variance = self._phase_noise_variance
         if not self.iq:
             for noise in self.noises:
                 inverse = inverse + image_noise_ratio(noise, frequency, self.duration, self.sweep.sample_rate)
         if self.sweep.hears_itself and self.noises:
-            noise, window = self.noises[0], self.settings.window
+            noise, window = self.noises[0], self.weighting
             delays = frequency / abs(self.sweep.chirp_rate)
             variance = np.array([phase_noise_std(noise, self.duration, window, d) for d in delays]) ** 2
-        return np.sqrt(additive_std(1.0 / inverse, self.duration, self.settings.window) ** 2 + variance)
+        independent = additive_std(1.0 / inverse, self.duration, self.weighting)
+        return np.sqrt(independent**2 + variance), independent
 
     def _second_line(self, power: np.ndarray, peak: np.ndarray) -> np.ndarray:
         """Return the strongest bin outside the line's main lobe (B,); blanks the line in `power`."""
@@ -289,18 +354,6 @@ class Estimator:
         power[np.arange(len(peak)), around] = 0.0
         return power[:, self._first : self._last + 1].max(axis=1)
 
-    def _upright(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return windowed quadrature sweeps, their line at positive frequency, and the power of bins as received."""
-        pairs = samples.reshape(len(samples), -1, 2)
-        mean = pairs.sum(axis=1, dtype=np.int64) / pairs.shape[1]
-        windowed = ((pairs - mean[:, None, :]) * self.window[:, None]).view(complex)[..., 0]
-        spectrum = np.fft.fft(windowed, self.length)
-        power = spectrum.real**2 + spectrum.imag**2
-        above = power[:, self._first : self._last + 1].max(axis=1)
-        below = power[:, self.length - self._last : self.length - self._first + 1].max(axis=1)
-        upright = np.where((below > above)[:, None], windowed.conj(), windowed)
-        return upright, np.fft.fftshift(power, axes=1)
-
     def _decibel_full_scale(self, power: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
         """Return squared bin magnitudes in dBFS; a full-scale sine reads 0. float32 for spectra."""
         per_amplitude = (1.0 if self.iq else 0.5) * self._window_sum * full_scale
@@ -310,47 +363,6 @@ class Estimator:
         np.log10(scaled, out=scaled)
         scaled *= np.float32(10.0)
         return scaled
-
-
-class PaperEstimator(Estimator):
-    """The paper's on-board engine (section III): FFT, chirp-z zoom, parabola through the log magnitude."""
-
-    def __init__(self, *args, **kwargs) -> None:
-        """Prepare the chirp-z transform; arguments as for `Estimator`."""
-        super().__init__(*args, **kwargs)
-        self._zoom = ChirpZ(
-            self.sweep.sample_count,
-            self.length,
-            self.settings.zoom_points,
-            self.settings.zoom_span,
-            self.center * self.sweep.sample_rate,
-        )
-
-    def _refine(self, windowed: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        zoomed = self._zoom(windowed, peak)
-        offsets = self._zoom.offsets
-        magnitude = zoomed.real**2 + zoomed.imag**2
-        top = np.minimum(np.maximum(magnitude.argmax(axis=1), 1), len(offsets) - 2)
-        three = np.arange(len(peak)), top + np.array([[-1], [0], [1]])
-        vertex = parabola_vertex(*np.log(np.maximum(magnitude[three], _TINY)))
-        amplitude = parabola_value(*zoomed[three], vertex)
-        return peak + offsets[top] + vertex * (offsets[1] - offsets[0]), amplitude
-
-
-ESTIMATORS: dict[str, type[Estimator]] = {'paper': PaperEstimator}
-"""Selectable estimators by name."""
-
-
-@functools.lru_cache(maxsize=64)
-def estimator(
-    sweep: SweepSettings,
-    settings: EstimatorSettings,
-    iq: bool = False,
-    own: Calibration | None = None,
-    peer: Calibration | None = None,
-) -> Estimator:
-    """Return the estimator chosen in `settings`, prepared for one setting; arguments as for `Estimator`."""
-    return ESTIMATORS[settings.estimator](sweep, settings, iq, own, peer)
 
 
 def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:

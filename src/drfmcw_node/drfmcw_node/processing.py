@@ -18,7 +18,8 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
-from .estimation import Estimates, Estimator, EstimatorSettings, Flag, estimator
+from .estimation import Estimates, Estimator, EstimatorSettings, Flag
+from .estimators import estimator
 
 _EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
 _EARLY_COUNT = 4000  # and how many of them
@@ -53,6 +54,8 @@ class Beat:
     snr: float  # [dB]
     stamp: int  # [ns]
     frame_id: str = ''
+    independent_std: float = math.nan  # [Hz]
+    window: str = ''
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -239,8 +242,10 @@ def _beats(sweeps: Sequence[Sweep], result: Estimates) -> list[Beat]:
         getattr(result, name).tolist() for name in ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr')
     ]
     return [
-        Beat(s.station, s.peer, s.sweep_id, *values, s.stamp, s.frame_id)
-        for s, values in zip(sweeps, zip(*columns, strict=True), strict=True)
+        Beat(s.station, s.peer, s.sweep_id, *values, s.stamp, s.frame_id, independent, result.window)
+        for s, independent, values in zip(
+            sweeps, result.independent_std.tolist(), zip(*columns, strict=True), strict=True
+        )
     ]
 
 

@@ -99,15 +99,16 @@ class SweepSettings:
     def analysis_window(self) -> tuple[float, float]:
         """Return (start, end) of the analysis window in the station's own time since its sweep start [s].
 
-        Both stations' windows cover the same absolute time, [T_off, T_sw]; T_off then cancels as in eqs. 16-18.
-        A station that hears itself analyses its whole sweep.
+        Both stations' windows cover the same absolute time, from T_off and the largest delay on, when each hears the
+        other at any distance, to T_sw; T_off then cancels as in eqs. 16-18.
         """
+        start = min(max(largest_delay(self), 0.0), self.ramp_duration / 64)
         end = min(self.ramp_duration, self.record_duration)
         if self.hears_itself:
-            return 0.0, end
+            return start, end
         if self.role == Role.FIRST:
-            return self.start_delay, end
-        return 0.0, end - self.start_delay
+            return start + self.start_delay, end
+        return start, end - self.start_delay
 
     def window_center(self) -> float:
         """Return the centre of the analysis window, in the station's own time since its sweep start [s]."""
@@ -157,8 +158,12 @@ def residual_chirp(sweep: SweepSettings, alpha_own: float, alpha_peer: float) ->
     return sweep.line_sign() * sweep.chirp_rate * (first**2 - second**2)
 
 
+def largest_delay(sweep: SweepSettings) -> float:
+    """Return the delay at which station 1's line reaches the Nyquist frequency, equal references [s]."""
+    delay = sweep.sample_rate / 2 / abs(sweep.chirp_rate)
+    return delay - sweep.start_delay if sweep.mode == Mode.SHORT_DISTANCE else delay
+
+
 def largest_range(sweep: SweepSettings, velocity: float) -> float:
     """Return the range at which station 1's line reaches the Nyquist frequency, equal references [m]."""
-    delay = sweep.sample_rate / 2 / abs(sweep.chirp_rate)
-    delay += -sweep.start_delay if sweep.mode == Mode.SHORT_DISTANCE else 0.0
-    return delay * velocity
+    return largest_delay(sweep) * velocity

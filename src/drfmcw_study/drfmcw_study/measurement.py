@@ -12,7 +12,7 @@ import numpy as np
 from drfmcw_fusion.pipeline import RangeFusion, RangeResult
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_node.estimation import Estimates, EstimatorSettings
-from drfmcw_node.estimation import estimator as make_estimator
+from drfmcw_node.estimators import estimator as make_estimator
 from drfmcw_node.processing import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -148,8 +148,14 @@ def _ranges(
         columns = [getattr(result, name).tolist() for name in _SHARED_FIELDS]
         beats.append(
             [
-                Beat(sweep.station, sweep.peer, sweep_id, *values, stamp + late, sweep.frame_id)
-                for sweep_id, stamp, values in zip(m.sweep_id.tolist(), stamps, zip(*columns, strict=True), strict=True)
+                Beat(sweep.station, sweep.peer, sweep_id, *values, stamp + late, sweep.frame_id, independent, result.window)
+                for sweep_id, stamp, independent, values in zip(
+                    m.sweep_id.tolist(),
+                    stamps,
+                    result.independent_std.tolist(),
+                    zip(*columns, strict=True),
+                    strict=True,
+                )
             ]
         )
     found = (fusion.add_beat(beat) for measured in zip(*beats, strict=True) for beat in measured)

@@ -1,0 +1,151 @@
+"""Maximum likelihood: line, mirror line, constant and the known residual chirp fitted to the samples themselves.
+
+Model of a sweep in the analysis window, t counted from its centre:
+
+    x(t) = a exp(j psi(t)) + a* exp(-j psi(t)) + c,    psi(t) = 2 pi (f t + chirp t^2 / 2)
+
+a quadrature sweep has no second term. The errors are white: additive noise, and the oscillators' noise around the
+mirror line, which is flat over the few kHz that matter. The oscillators' noise around the line itself passes the
+combination of both stations through 4 sin^2(pi f tau) and is then so small that weighing by its covariance would gain
+less than 0.3 % at Table 1 up to 1 km (`test_white_weights_lose_nothing` in test/test_physics.py).
+
+With white errors, maximum likelihood is least squares. At its solution the derivative's residual vanishes,
+
+    Im[a* (S_1 - a* M_1 - c D_1)] = 0,
+    S_k = sum x t^k exp(-j psi),   M_k = sum t^k exp(-2j psi),   D_k = sum t^k exp(-j psi)
+
+(a from the same sums of order 0), which Newton's method finds. The samples are met once, for the moments of the
+de-modulated sweep; S_k at any nearby frequency follow from these by a Taylor series.
+"""
+
+import math
+
+import numpy as np
+import scipy.fft
+
+from .estimation import TINY, Estimator, Sweeps
+from .spectral import parabola_vertex
+
+_FINE = 16  # demodulation frequencies per bin
+_TERMS = 7  # of the Taylor series, good to 1e-7 for a quarter bin
+_STEPS = 4  # of Newton's method
+_SEARCH_LIMIT = 10.0 ** (19.0 / 10.0)  # of bin power over noise, below which the search is repeated without window
+_PADDING = 4  # of that search
+_STRIDE = 8  # of the bins among which the noise's median is taken
+
+
+class MaximumLikelihoodEstimator(Estimator):
+    """Meets the Cramer-Rao bound of a real sweep; 1.53 times more accurate than a Hann window."""
+
+    own_weighting = 'boxcar'
+
+    def __init__(self, *args, **kwargs) -> None:
+        """Prepare tables; arguments as for `Estimator`."""
+        super().__init__(*args, **kwargs)
+        rate = self.sweep.sample_rate
+        start, end = self.sweep.analysis_window()
+        # a reference 100 ppm fast ends its ramp up to a tenth of a sample early
+        self._samples = slice(math.ceil(start * rate - 1e-6), math.floor(end * rate - 0.5) + 1)
+        self._origin = self.center * rate
+        u = np.arange(self._samples.start, self._samples.stop) - self._origin
+        self._ends = u[0], u[-1] + 1.0
+        self._count = len(u)
+        scaled = u / (self._count / 2.0)
+        self._powers = np.ascontiguousarray(scaled[:, None] ** np.arange(_TERMS + 1))
+        self._spread = float((scaled**2).mean() - scaled.mean() ** 2)  # of time
+        self._curvature = self.chirp / rate**2  # [cycles per sample^2]
+        self._rotation = np.exp(-2j * np.pi * np.arange(_FINE * self.length) / (_FINE * self.length))
+        self._number = np.arange(self._samples.start, self._samples.stop)
+        self._chirped = None if self._dechirp is None else np.exp(-1j * np.pi * self._curvature * u**2)
+
+    def _refine(self, sweeps: Sweeps) -> tuple[np.ndarray, np.ndarray]:
+        record = sweeps.record[:, self._samples]
+        coarse = self._coarse(sweeps, record)
+        moments, total = self._moments(record, coarse)
+        offset, amplitude = self._climb(moments, total, coarse)
+        return coarse / _FINE + offset, amplitude * self._window_sum
+
+    def _coarse(self, sweeps: Sweeps, record: np.ndarray) -> np.ndarray:
+        """Return the line's frequency to a sixteenth of a bin (B,) [1/16 bin]; weak lines are searched for again.
+
+        The Hann window costs 1.8 dB, and up to 1.4 dB between bins, which near the threshold would lose lines that the
+        whole record still shows.
+        """
+        rows, peak = np.arange(len(record)), sweeps.peak
+        near = np.clip(peak + np.array([[-1], [0], [1]]), 0, sweeps.power.shape[1] - 1)
+        three = sweeps.power[rows, near].astype(float)
+        coarse = np.rint(_FINE * (peak + parabola_vertex(*np.log(np.maximum(three, TINY))))).astype(np.int64)
+        noise = np.median(sweeps.power[:, self._first : self._last + 1 : _STRIDE], axis=1) / math.log(2.0)
+        weak = np.flatnonzero(three[1] < _SEARCH_LIMIT * noise)
+        if len(weak):
+            searched = record[weak] if self._chirped is None else record[weak] * self._chirped.astype(np.complex64)
+            transform = scipy.fft.fft if np.iscomplexobj(searched) else scipy.fft.rfft
+            spectrum = transform(searched, _PADDING * self.length)[:, : _PADDING * self.length // 2 + 1]
+            power = spectrum.real**2 + spectrum.imag**2
+            allowed = slice(_PADDING * self._first, _PADDING * self._last + 1)
+            coarse[weak] = (power[:, allowed].argmax(axis=1) + allowed.start) * (_FINE // _PADDING)
+            peak[weak] = np.rint(coarse[weak] / _FINE).astype(peak.dtype)
+        return coarse
+
+    def _moments(self, record: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the moments sum x v^k exp(-j psi) / N, k = 0 ... _TERMS, (B, _TERMS + 1), v in +-1, and the mean."""
+        turns = (coarse[:, None] * self._number) % len(self._rotation)
+        baseband = self._rotation[turns]
+        baseband *= record
+        if self._chirped is not None:
+            baseband *= self._chirped
+        parts = baseband.view(float).reshape(len(record), self._count, 2)
+        moments = np.matmul(self._powers.T, parts)
+        origin = np.exp(2j * np.pi * np.remainder(coarse * (self._origin / len(self._rotation)), 1.0))
+        return moments.view(complex)[..., 0] * (origin / self._count)[:, None], record.mean(axis=1, dtype=complex)
+
+    def _climb(self, moments: np.ndarray, total: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (offset from the coarse frequency [bins], amplitude a) by Newton's method, each (B,)."""
+        offset, constant = np.zeros(len(coarse)), np.zeros(len(coarse), complex)
+        amplitude = moments[:, 0]
+        scale = self.length / self._count / np.pi  # bins per unit of the phase's slope over v
+        for step in range(_STEPS + 1):
+            zeroth, first = _shifted(moments, -1j * offset / scale)
+            frequency = (coarse / _FINE + offset) / self.length
+            d0, d1 = self._leakage(frequency, 1)
+            m0, m1 = (0.0, 0.0) if self.iq else self._leakage(frequency, 2)
+            for _ in range(2):
+                mirror = np.conj(amplitude)
+                leaked = amplitude * np.conj(d0)
+                constant = total - leaked if self.iq else total - 2.0 * leaked.real
+                amplitude = zeroth - mirror * m0 - constant * d0
+            if step == _STEPS:
+                break
+            residual = first - np.conj(amplitude) * m1 - constant * d1
+            power = np.maximum(amplitude.real**2 + amplitude.imag**2, TINY)
+            slope = (amplitude.real * residual.imag - amplitude.imag * residual.real) / (power * self._spread)
+            offset = np.clip(offset + slope * scale, -0.75, 0.75)
+        return offset, amplitude
+
+    def _leakage(self, frequency: np.ndarray, multiple: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return sum v^k exp(-j multiple psi) / N for k = 0 and 1, (B,) each, from the window's two ends.
+
+        Summation by parts: exact without chirp, good to chirp / frequency^2 with it.
+
+        Args:
+            frequency: of the line at the window centre (B,) [cycles per sample].
+            multiple: of its phase, 1 for the constant and 2 for the mirror line.
+        """
+        sums = [0.0, 0.0]
+        for sign, u in zip((1.0, -1.0), self._ends, strict=True):
+            turns = multiple * (frequency * u + 0.5 * self._curvature * u * u)
+            value = np.exp(-2j * np.pi * np.remainder(turns, 1.0))
+            rotation = np.exp(-2j * np.pi * multiple * (frequency + self._curvature * (u - 0.5)))
+            inverse = sign / (1.0 - rotation)
+            sums[0] = sums[0] + value * inverse
+            sums[1] = sums[1] + value * inverse * (u + rotation / (1.0 - rotation))
+        return sums[0] / self._count, sums[1] / (self._count * self._count / 2.0)
+
+
+def _shifted(moments: np.ndarray, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the moments of order 0 and 1 of the same samples times exp(`exponent` v), (B,) each, as Taylor series."""
+    zeroth, first = np.zeros(len(moments), complex), np.zeros(len(moments), complex)
+    for k in reversed(range(_TERMS)):  # Horner
+        zeroth = (zeroth * exponent) / (k + 1) + moments[:, k]
+        first = (first * exponent) / (k + 1) + moments[:, k + 1]
+    return zeroth, first
