@@ -70,7 +70,7 @@ def measure(
         mode: measurement mode, whatever the distance.
         start_delay: T_off [s]; None takes the scenario's for the mode.
         estimator: of the beat frequencies; None takes the defaults.
-        fusion: None takes the defaults. The window is the estimator's, the velocity zero, the weather the true one.
+        fusion: None takes the defaults. The velocity is zero, the weather the true one.
         synchronised: also find the range of the "synchronised single-station" approach, which knows T_off of each
             sweep, both clocks and the air perfectly: R = c (T_off -/+ f_IF,2 / k) of station 2 alone (eqs. 2 and 4).
 
@@ -78,7 +78,7 @@ def measure(
         ConfigurationError: settings that exclude each other.
     """
     estimator = estimator or EstimatorSettings()
-    fusion = dataclasses.replace(fusion or FusionSettings(), window=estimator.window, velocity='standing')
+    fusion = dataclasses.replace(fusion or FusionSettings(), velocity='standing')
     m = conditions(scenario, sweeps, mode, start_delay)
     samples = synthesise(m, scenario.seed, scenario.effects)
     estimates = station_estimates(scenario, m, samples, estimator)
