@@ -18,4 +18,9 @@ setup(
     maintainer_email='drfmcw@example.com',
     description='The whole chain offline: Monte Carlo and the figures of the paper',
     license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'montecarlo = drfmcw_study.monte_carlo:main',
+        ],
+    },
 )
