@@ -1,6 +1,7 @@
 """Random numbers that depend only on what they are for: seed, sweep and purpose, never on batch size or order."""
 
 import enum
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,3 +25,25 @@ def stream(seed: int, purpose: Purpose, number: int, extra: int = 0) -> np.rando
         extra: tells effects of one sweep apart.
     """
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence((seed, purpose, number, extra))))
+
+
+def normal_pairs(generators: Sequence[np.random.Generator], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return pairs of standard normal deviates in polar form: (radius, cosine, sine), float32 [generators, count].
+
+    radius * cosine and radius * sine are independent standard normal deviates (Box and Muller 1958), up to 6.7 in
+    magnitude. In float32 several times as fast as `Generator.standard_normal`.
+    """
+    words = np.empty((len(generators), count), np.uint64)
+    for row, generator in zip(words, generators, strict=True):
+        row[:] = generator.bit_generator.random_raw(count)
+    halves = words.view(np.uint32)
+    radius = halves[:, :count].astype(np.float32)
+    radius += np.float32(0.5)  # never zero
+    radius *= np.float32(2.0**-32)
+    np.log(radius, out=radius)
+    radius *= np.float32(-2.0)
+    np.sqrt(radius, out=radius)
+    angle = halves[:, count:].view(np.int32).astype(np.float32)
+    angle *= np.float32(np.pi * 2.0**-31)
+    cosine = np.cos(angle)
+    return radius, cosine, np.sin(angle, out=angle)

@@ -21,12 +21,16 @@ from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
 
 from . import oscillator
-from .random_streams import Purpose, stream
+from .random_streams import Purpose, normal_pairs, stream
 
 if TYPE_CHECKING:
     from .effects import Effect
 
-_CHUNK = 8  # sweeps worked on at once: what fits the processor's cache
+PHASE_UNIT = 2.0**-32
+"""Unit of `if_phase` [turns]: as 32-bit integers, phases wrap by themselves."""
+
+_CHUNK = 32  # sweeps worked on at once: what fits the processor's cache
+_BLOCK = 64  # samples whose phases are made from one start and one slope
 _NEGLIGIBLE_DRIFT = 1e-3  # samples between two ADC clocks within a record, for phase noise only
 
 
@@ -157,16 +161,15 @@ def geometry(m: Measurements, receiver: int, path: Path) -> Geometry:
     return Geometry(offset, path.rate + path.acceleration * start, path.acceleration, step)
 
 
-def if_turns(m: Measurements, receiver: int, path: Path) -> np.ndarray:
-    """Return the noise-free IF phase D_a / 2 pi of every sample, reduced to +-1/2 turn, float64 [n, samples].
+def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
+    """Return the noise-free IF phase D_a of every sample, int32 [n, samples] in PHASE_UNIT, within 1e-7 rad.
 
     Args:
         m: measurements.
         receiver: 0 first station, 1 second.
-        path: over which the peer is heard.
+        g: of the path over which the peer is heard.
     """
-    own, peer = m.stations[receiver], m.stations[1 - receiver if len(m.stations) == 2 else 0]
-    g = geometry(m, receiver, path)
+    own, peer = _own_and_peer(m, receiver)
     d, r, c, h = g.offset, g.rate, g.acceleration, g.step
     f_own, f_peer = own.alpha * own.sweep.start_frequency, peer.alpha * peer.sweep.start_frequency
     k_own, k_peer = own.alpha**2 * own.sweep.chirp_rate, peer.alpha**2 * peer.sweep.chirp_rate
@@ -174,24 +177,36 @@ def if_turns(m: Measurements, receiver: int, path: Path) -> np.ndarray:
     c0 = f_peer * d - 0.5 * k_peer * d * d
     if len(m.stations) == 2:
         c0 = c0 + m.initial_phase[receiver] - m.initial_phase[1 - receiver]
-    c1 = (f_own - f_peer) + f_peer * r + k_peer * d * (1.0 - r)
-    c2 = 0.5 * (k_own - k_peer) + 0.5 * f_peer * c + 0.5 * k_peer * (2.0 * r - r * r - d * c)
-    c3 = 0.5 * k_peer * (1.0 - r) * c
-    n = np.arange(own.sweep.sample_count, dtype=np.float64)
-    turns = np.multiply.outer(c3 * h**3, n) if np.any(c3) else np.zeros((len(m), len(n)))
-    turns += (c2 * h * h)[:, None]
-    turns *= n
-    turns += (c1 * h)[:, None]
-    turns *= n
-    turns += (c0 - np.rint(c0))[:, None]
-    turns -= np.rint(turns)
-    return turns
+    c1 = ((f_own - f_peer) + f_peer * r + k_peer * d * (1.0 - r)) * h
+    c2 = (0.5 * (k_own - k_peer) + 0.5 * f_peer * c + 0.5 * k_peer * (2.0 * r - r * r - d * c)) * h * h
+    c3 = 0.5 * k_peer * (1.0 - r) * c * h**3
+    # sample a + b, a the middle of a block: D(a + b) = D(a) + b (D'(a) - c1) + (D(b) - c0), for the cubic term but
+    # for 3 c3 a b^2, which an acceleration of 10 m/s^2 makes 1e-7 rad
+    count = own.sweep.sample_count
+    a = np.arange(_BLOCK // 2, count + _BLOCK // 2, _BLOCK, dtype=np.float64)
+    b = np.arange(-(_BLOCK // 2), _BLOCK // 2)
+    c0, c1, c2, c3 = (x[:, None] for x in (c0 - np.rint(c0), c1, c2, c3))
+    start = _phase_units(((c3 * a + c2) * a + c1) * a + c0)
+    slope = _phase_units((3.0 * c3 * a + 2.0 * c2) * a)
+    result = slope[:, :, None] * b.astype(np.int32)
+    result += start[:, :, None]
+    result += _phase_units(((c3 * b + c2) * b + c1) * b)[:, None, :]
+    return result.reshape(len(m), -1)[:, :count]
 
 
-def overlap(m: Measurements, receiver: int, path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _phase_units(turns: np.ndarray) -> np.ndarray:
+    """Return a phase in PHASE_UNIT, int32."""
+    return np.rint((turns - np.rint(turns)) * (1.0 / PHASE_UNIT)).astype(np.int64).astype(np.int32)
+
+
+def _own_and_peer(m: Measurements, receiver: int) -> tuple[Station, Station]:
+    """Return the receiver and whom it hears: itself where there is one station only."""
+    return m.stations[receiver], m.stations[1 - receiver if len(m.stations) == 2 else 0]
+
+
+def overlap(m: Measurements, receiver: int, g: Geometry) -> tuple[np.ndarray, np.ndarray]:
     """Return (first, end) sample numbers [n] between which both chirps are on at the receiver's mixer."""
-    own, peer = m.stations[receiver], m.stations[1 - receiver if len(m.stations) == 2 else 0]
-    g = geometry(m, receiver, path)
+    own, peer = _own_and_peer(m, receiver)
     last = np.minimum(g.crossing(peer.sweep.ramp_duration / peer.alpha), own.sweep.ramp_duration / own.alpha)
     begin = np.ceil(np.maximum(g.crossing(0.0), 0.0) / g.step - 1e-9)
     end = np.floor(last / g.step + 1e-9) + 1
@@ -201,11 +216,11 @@ def overlap(m: Measurements, receiver: int, path: Path) -> tuple[np.ndarray, np.
 
 @dataclasses.dataclass(frozen=True)
 class _Noise:
-    """Normal deviates and oscillator spectra of a chunk."""
+    """Noise of a chunk."""
 
-    additive: tuple[np.ndarray, ...]  # per station float32 [n, values]
-    spectra: tuple[np.ndarray | None, ...]  # per station complex64
-    periods: tuple[int, ...]
+    additive: tuple[np.ndarray, ...]  # per station float32 [n, values] [LSB]
+    spectra: tuple[np.ndarray | None, ...]  # of the phase noise, per station complex64 [n, bins]
+    period: int  # of the phase noise [samples]
 
 
 def draw_sweeps(m: Measurements, seed: int) -> list[np.random.Generator]:
@@ -221,62 +236,73 @@ def draw_sweeps(m: Measurements, seed: int) -> list[np.random.Generator]:
 
 
 def _draw_noise(m: Measurements, generators: Sequence[np.random.Generator]) -> _Noise:
-    additive_counts = [s.sweep.sample_count * (2 if s.iq else 1) for s in m.stations]
-    periods, counts = [], []
-    for s in m.stations:
-        quiet = s.phase_noise is None
-        periods.append(0 if quiet else oscillator.period(s.sweep.sample_count, s.sweep.sample_rate, s.phase_noise))
-        counts.append(0 if quiet else oscillator.normal_count(periods[-1]))
-    deviates = np.empty((len(m), sum(additive_counts) + sum(counts)), np.float32)
-    for row, generator in zip(deviates, generators, strict=True):
-        generator.standard_normal(dtype=np.float32, out=row)
-    parts = np.split(deviates, np.cumsum(additive_counts + counts)[:-1], axis=1)
-    spectra = []
-    for s, period, normals in zip(m.stations, periods, parts[len(m.stations) :], strict=True):
-        if s.phase_noise is None:
-            spectra.append(None)
-        else:
-            spectra.append(
-                oscillator.spectrum(np.ascontiguousarray(normals), period, s.sweep.sample_rate, s.phase_noise)
-            )
-    return _Noise(tuple(parts[: len(m.stations)]), tuple(spectra), tuple(periods))
+    noisy = [s for s in m.stations if s.phase_noise is not None]
+    period = max(
+        (
+            oscillator.period(s.sweep.sample_count, s.sweep.sample_rate, s.phase_noise, s.sweep.start_delay)
+            for s in noisy
+        ),
+        default=0,
+    )
+    values = [s.sweep.sample_count * (2 if s.iq else 1) for s in m.stations]
+    counts = [-(-v // 2) for v in values] + [oscillator.bin_count(period)] * len(noisy)
+    ends = np.cumsum(counts)[:-1]
+    radii, cosines, sines = (np.split(part, ends, axis=1) for part in normal_pairs(generators, sum(counts)))
+    additive = []
+    for s, number, radius, cosine, sine in zip(m.stations, values, radii, cosines, sines, strict=False):
+        radius *= s.noise_std().astype(np.float32)[:, None]
+        half = radius.shape[1]
+        deviates = np.empty((len(m), 2 * half), np.float32)
+        np.multiply(radius, cosine, out=deviates[:, :half])
+        np.multiply(radius, sine, out=deviates[:, half:])
+        additive.append(deviates[:, :number])
+    spectra = iter(zip(*(parts[len(m.stations) :] for parts in (radii, cosines, sines)), strict=True))
+    return _Noise(
+        tuple(additive),
+        tuple(
+            None
+            if s.phase_noise is None
+            else oscillator.spectrum(*next(spectra), period, s.sweep.sample_rate, s.phase_noise)
+            for s in m.stations
+        ),
+        period,
+    )
 
 
-def _phase_noise(m: Measurements, noise: _Noise, receiver: int, path: Path) -> np.ndarray | None:
+def _phase_noise(m: Measurements, noise: _Noise, receiver: int, g: Geometry) -> np.ndarray | None:
     """Return phi_PN,own(u) - phi_PN,peer(v) [n, samples] [rad], None without phase noise."""
-    peer_index = 1 - receiver if len(m.stations) == 2 else 0
-    own, peer = m.stations[receiver], m.stations[peer_index]
+    own, peer = _own_and_peer(m, receiver)
     count = own.sweep.sample_count
-    difference = None
-    if noise.spectra[receiver] is not None:
-        difference = oscillator.phase(noise.spectra[receiver], noise.periods[receiver], count, np.zeros(len(m)), None)
-    if noise.spectra[peer_index] is not None:
-        g = geometry(m, receiver, path)
-        peer_rate = peer.sweep.sample_rate * peer.sample_clock
-        drift = (1.0 - g.rate) * g.step * peer_rate - 1.0
-        drift[np.abs(drift) * count < _NEGLIGIBLE_DRIFT] = 0.0
-        heard = oscillator.phase(
-            noise.spectra[peer_index], noise.periods[peer_index], count, -g.offset * peer_rate, drift
-        )
-        difference = -heard if difference is None else difference - heard
-    return difference
+    difference = noise.spectra[receiver]
+    emitted = noise.spectra[1 - receiver if len(m.stations) == 2 else 0]
+    if emitted is None:
+        return None if difference is None else oscillator.phase(difference, noise.period, count)
+    peer_rate = peer.sweep.sample_rate * peer.sample_clock
+    drift = (1.0 - g.rate) * g.step * peer_rate - 1.0
+    drift[np.abs(drift) * count < _NEGLIGIBLE_DRIFT] = 0.0
+    heard = oscillator.shifted(emitted, noise.period, drift * (count / 2) - g.offset * peer_rate)
+    result = oscillator.phase(-heard if difference is None else difference - heard, noise.period, count)
+    if np.any(drift):
+        result -= oscillator.drift_phase(heard, noise.period, count, drift)
+    return result
 
 
 def _receive(m: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect']) -> np.ndarray:
     """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q)."""
-    own, peer = m.stations[receiver], m.stations[1 - receiver if len(m.stations) == 2 else 0]
+    own, peer = _own_and_peer(m, receiver)
     count = own.sweep.sample_count
     sample = np.arange(count)
-    signal = None
+    shape = (len(m), count, 2) if own.iq else (len(m), count)
+    signal = np.zeros(shape, np.float32) if noise is None else noise.additive[receiver].reshape(shape)
     for path in m.paths:
-        angle = if_turns(m, receiver, path).astype(np.float32)
-        angle *= np.float32(2.0 * np.pi)
-        phase_noise = None if noise is None else _phase_noise(m, noise, receiver, path)
+        g = geometry(m, receiver, path)
+        angle = if_phase(m, receiver, g).astype(np.float32)
+        angle *= np.float32(2.0 * np.pi * PHASE_UNIT)
+        phase_noise = None if noise is None else _phase_noise(m, noise, receiver, g)
         if phase_noise is not None:
             angle += phase_noise
         shaping = [e for e in effects if e.shapes_chirp]
         if shaping:
-            g = geometry(m, receiver, path)
             u = np.arange(count) * g.step[:, None]
             v = g.peer_time(count)
             bent = np.zeros(u.shape)  # may be hundreds of turns at both stations: reduced before it is float32
@@ -288,20 +314,19 @@ def _receive(m: Measurements, noise: _Noise | None, receiver: int, effects: Sequ
             bent -= 2.0 * np.pi * np.rint(bent / (2.0 * np.pi))
             angle += bent
         amplitude = (own.amplitude(own.received_power) * path.amplitude).astype(np.float32)[:, None]
+        begin, end = overlap(m, receiver, g)
         if own.iq:
-            heard = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            heard = np.empty(shape, np.float32)
+            np.cos(angle, out=heard[..., 0])
+            np.sin(angle, out=heard[..., 1])
             heard *= amplitude[..., None]
         else:
             heard = np.cos(angle, out=angle)
             heard *= amplitude
-        begin, end = overlap(m, receiver, path)
         head, tail = int(begin.max()), int(end.min())
         heard[:, :head][sample[:head] < begin[:, None]] = 0.0
         heard[:, tail:][sample[tail:] >= end[:, None]] = 0.0
-        signal = heard if signal is None else signal + heard
-    if noise is not None:
-        additive = noise.additive[receiver].reshape(signal.shape)
-        signal += additive * own.noise_std().astype(np.float32).reshape(-1, *[1] * (signal.ndim - 1))
+        signal += heard
     return signal
 
 
@@ -330,22 +355,24 @@ def synthesise(
         Per station int16 [n, samples], or [n, 2 samples] with I and Q interleaved.
     """
     effects = sorted(effects, key=lambda effect: effect.stage)
-    results = []
+    results: list[np.ndarray] = []
     for begin in range(0, len(m), _CHUNK):
-        chunk = m.rows(slice(begin, begin + _CHUNK))
+        rows = slice(begin, begin + _CHUNK)
+        chunk = m.rows(rows)
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
             effect.prepare(chunk)
         drawn = _draw_noise(chunk, generators) if noise else None
-        received = []
         for receiver, station in enumerate(chunk.stations):
             signal = _receive(chunk, drawn, receiver, effects)
             for number, effect in enumerate(effects):
                 if effect.applies_to(station.name):
                     effect.receive(signal, station, chunk, _streams(seed, chunk, receiver, number))
-            received.append(quantise(signal, station.full_scale) if quantised else signal)
-        results.append(received)
-    return tuple(np.concatenate(parts) for parts in zip(*results, strict=True))
+            samples = quantise(signal, station.full_scale) if quantised else signal
+            if begin == 0:
+                results.append(np.empty((len(m), *samples.shape[1:]), samples.dtype))
+            results[receiver][rows] = samples
+    return tuple(results)
 
 
 def _streams(seed: int, m: Measurements, receiver: int, number: int):
