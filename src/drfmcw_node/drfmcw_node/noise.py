@@ -83,10 +83,11 @@ class NoiseMeter:
         total, relative_std = self._clipped_mean(power[np.arange(len(peak))[:, None], bins])
         skirt = self._skirt(bins, peak) * (line / self.window_sum**2)
         measured = total - skirt
-        variance = (relative_std * total) ** 2 + (_SKIRT_UNCERTAINTY * skirt) ** 2
         floor = self.calibrated(full_scale)
         known = np.isfinite(floor)
         floor = np.where(known, floor, 1.0)
+        # chance as predicted, not as measured: small values would otherwise count more and pull the mean down
+        variance = (relative_std * (floor + skirt)) ** 2 + (_SKIRT_UNCERTAINTY * skirt) ** 2
         # a calibrated floor that the measurement contradicts beyond chance loses its weight
         doubt = np.maximum((measured - floor) ** 2 - 4.0 * variance, 0.0)
         floor_variance = (_FLOOR_UNCERTAINTY * floor) ** 2 + doubt
@@ -109,7 +110,7 @@ class NoiseMeter:
         width, rate = self.sweep.sample_rate / self.length, self.sweep.sample_rate
         at, line = bins[:, stride // 2 :: stride] * width, (peak * width)[:, None]
         # a real line has its mirror image, which repeats at the sample rate
-        offsets = [at - line] if self.iq else [at - line, at + line, rate - at - line]
+        offsets = [at - line] if self.iq else [at - line, np.minimum(at + line, rate - at - line)]
         density = sum(noise.single_sideband(np.stack(offsets)) for noise in self.noises).sum(axis=0)
         if self.sweep.hears_itself:
             density *= combination_gain(at - line, line / abs(self.sweep.chirp_rate))
