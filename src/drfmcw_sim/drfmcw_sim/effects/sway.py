@@ -19,14 +19,16 @@ class Sway(Effect, name='sway', of='path'):
     """
 
     acts_on = 'delay'
-    formula = 'R(t) → R(t) + amplitude sin(2π frequency t), t since the start of the recording'
+    formula = 'R(t) → R(t) + amplitude sin(2π frequency t + phase), t since the start of the recording'
     example = {'amplitude': 0.005, 'frequency': 0.7}
 
     amplitude: float = parameter(unit='m', bounds=(-100.0, 100.0), description='of the distance')
     frequency: float = parameter(unit='Hz', bounds=(0.0, 50.0), description='of the sway')
+    phase: float = parameter(0.0, unit='rad', bounds=(-10.0, 10.0), description='of the sine at the start')
 
     def prepare(self, m: Measurements) -> None:
         """Move the crane."""
         omega = 2.0 * np.pi * self.frequency
-        place = self.amplitude * np.sin(omega * m.time)
-        move(m, place, self.amplitude * omega * np.cos(omega * m.time), -(omega**2) * place)
+        angle = omega * m.time + self.phase
+        place = self.amplitude * np.sin(angle)
+        move(m, place, self.amplitude * omega * np.cos(angle), -(omega**2) * place)

@@ -13,16 +13,18 @@ from .clocks import own_time
 
 @dataclasses.dataclass(frozen=True)
 class SweepRipple(Effect, name='sweep_ripple', of='station'):
-    """Sinusoidal frequency error locked to the sweep (DAC steps, coupled clock), zero at its start, in own-clock Hz."""
+    """Sinusoidal frequency error locked to the sweep (DAC steps, a coupled clock), in Hz of the station's own clock."""
 
     acts_on = 'phase'
-    formula = 'δf(t) = deviation sin(2π rate t), φ = (deviation / rate) (1 − cos(2π rate t))'
+    formula = 'δf(t) = deviation sin(2π rate t + phase), φ = (deviation / rate) (cos phase − cos(2π rate t + phase))'
     example = {'deviation': 200.0, 'rate': 5000.0}
     shapes_chirp = True
 
     deviation: float = parameter(unit='Hz', bounds=(-1e8, 1e8), description='peak of the frequency error')
     rate: float = parameter(unit='Hz', bounds=(1.0, 1e9), description='of the sine over the time since the ramp starts')
+    phase: float = parameter(0.0, unit='rad', bounds=(-10.0, 10.0), description='of the sine where the ramp starts')
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:
         """Return the integral of the frequency error over the station's own time [rad]."""
-        return (self.deviation / self.rate) * (1.0 - np.cos((2.0 * np.pi * self.rate) * own_time(station, u)))
+        angle = (2.0 * np.pi * self.rate) * own_time(station, u) + self.phase
+        return (self.deviation / self.rate) * (np.cos(self.phase) - np.cos(angle))
