@@ -1,6 +1,7 @@
 """`drfmcw simulate`: a scenario rendered into a recording, or played live by the simulator node."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 
@@ -13,6 +14,8 @@ from .recording import write_recording
 from .scenario import read_scenario
 from .timeline import Timeline
 
+_WORTH_PROCESSES = 2000  # sweep pairs: about a second on one core
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
@@ -24,6 +27,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--out', metavar='RECORDING', help='write this recording, as fast as possible')
     result.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='format of the recording')
     result.add_argument('--force', action='store_true', help='replace a recording of that name')
+    result.add_argument(
+        '--jobs', type=int, metavar='N', help='processes that render (all cores); the recording is the same'
+    )
     result.add_argument('--seed', type=int, help="replaces the scenario's")
     result.add_argument(
         '--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides',
@@ -41,23 +47,31 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    arguments = parser().parse_args(argv)
+    command = parser()
+    arguments = command.parse_args(argv)
+    if arguments.jobs is not None and arguments.jobs < 1:
+        command.error(f'--jobs {arguments.jobs}: at least 1')
     return guarded('drfmcw simulate', lambda: _live(arguments) if arguments.out is None else _render(arguments))
 
 
 def _render(arguments: argparse.Namespace) -> None:
     """Write the scenario into a recording, with a progress bar."""
     scenario = read_scenario(arguments.scenario, tuple(arguments.overrides), arguments.seed)
+    sweep_count = Timeline(scenario).sweep_count
+    jobs = arguments.jobs
+    if jobs is None:  # processes take half a second to start
+        jobs = len(os.sched_getaffinity(0)) if sweep_count > _WORTH_PROCESSES else 1
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task('sweep pairs', total=Timeline(scenario).sweep_count)
+        task = bar.add_task('sweep pairs', total=sweep_count)
         count = write_recording(
             scenario,
             arguments.out,
             arguments.storage,
             lambda done: bar.update(task, completed=done),
             overwrite=arguments.force,
+            jobs=jobs,
         )
     console.print(f'{arguments.out}: {count} sweep pairs', highlight=False)
 
