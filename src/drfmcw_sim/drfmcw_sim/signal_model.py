@@ -12,6 +12,7 @@ as polynomials in u, so that no 1e7 rad phases are ever subtracted.
 """
 
 import dataclasses
+import zlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -355,6 +356,7 @@ def synthesise(
         Per station int16 [n, samples], or [n, 2 samples] with I and Q interleaved.
     """
     effects = sorted(effects, key=lambda effect: effect.stage)
+    numbers = _stream_numbers(effects)
     results: list[np.ndarray] = []
     for begin in range(0, len(m), _CHUNK):
         rows = slice(begin, begin + _CHUNK)
@@ -365,7 +367,7 @@ def synthesise(
         drawn = _draw_noise(chunk, generators) if noise else None
         for receiver, station in enumerate(chunk.stations):
             signal = _receive(chunk, drawn, receiver, effects)
-            for number, effect in enumerate(effects):
+            for effect, number in zip(effects, numbers, strict=True):
                 if effect.applies_to(station.name):
                     effect.receive(signal, station, chunk, _streams(seed, chunk, receiver, number))
             samples = quantise(signal, station.full_scale) if quantised else signal
@@ -373,6 +375,15 @@ def synthesise(
                 results.append(np.empty((len(m), *samples.shape[1:]), samples.dtype))
             results[receiver][rows] = samples
     return tuple(results)
+
+
+def _stream_numbers(effects: Sequence['Effect']) -> list[int]:
+    """Return a number for each effect's streams, from its name and how many of that name stand before it.
+
+    So an effect keeps its random numbers whatever else acts.
+    """
+    names = [effect.name for effect in effects]
+    return [(zlib.crc32(name.encode()) << 8) + names[:i].count(name) for i, name in enumerate(names)]
 
 
 def _streams(seed: int, m: Measurements, receiver: int, number: int):
