@@ -32,11 +32,11 @@ class InterferenceBurst(Effect, name='interference_burst', of='station'):
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Add the bursts (to I and Q alike strong, independent)."""
-        count = station.sweep.sample_count
-        deviation = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
+        """Add the bursts, to I and Q independent ones."""
         if self.probability == 0.0:
             return
+        count = station.sweep.sample_count
+        deviation = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
         for row, generator in enumerate(streams()):
             chance, place = generator.random(2)
             if chance >= self.probability:

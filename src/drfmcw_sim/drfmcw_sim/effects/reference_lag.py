@@ -3,6 +3,8 @@
 import dataclasses
 from collections.abc import Callable
 
+import numpy as np
+
 from drfmcw_physics.settings import parameter
 
 from .base import Effect
@@ -18,6 +20,11 @@ class ReferenceLag(Effect, name='reference_lag', of='reference'):
 
     lag: float = parameter(unit='s', bounds=(-60.0, 60.0), description='age of the distance that is read')
 
-    def reference_error(self, time, distance, distance_at: Callable):
+    def reference_error(
+        self,
+        time: np.ndarray | float,
+        distance: np.ndarray | float,
+        distance_at: Callable[[np.ndarray | float], np.ndarray | float],
+    ) -> np.ndarray | float:
         """Return the error of the reading [m]."""
         return distance_at(time - self.lag) - distance

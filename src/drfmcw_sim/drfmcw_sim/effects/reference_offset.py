@@ -3,6 +3,8 @@
 import dataclasses
 from collections.abc import Callable
 
+import numpy as np
+
 from drfmcw_physics.settings import parameter
 
 from .base import Effect
@@ -18,6 +20,11 @@ class ReferenceOffset(Effect, name='reference_offset', of='reference'):
 
     offset: float = parameter(unit='m', bounds=(-1e4, 1e4), description='added to each reading')
 
-    def reference_error(self, time, distance, distance_at: Callable):
+    def reference_error(
+        self,
+        time: np.ndarray | float,
+        distance: np.ndarray | float,
+        distance_at: Callable[[np.ndarray | float], np.ndarray | float],
+    ) -> np.ndarray | float:
         """Return the error of the reading [m]."""
         return self.offset

@@ -3,6 +3,8 @@
 import dataclasses
 from collections.abc import Callable
 
+import numpy as np
+
 from drfmcw_physics.settings import parameter
 
 from .base import Effect
@@ -18,6 +20,11 @@ class ReferenceScale(Effect, name='reference_scale', of='reference'):
 
     scale: float = parameter(unit='ppm', bounds=(-1e5, 1e5), description='of the distance, added to each reading')
 
-    def reference_error(self, time, distance, distance_at: Callable):
+    def reference_error(
+        self,
+        time: np.ndarray | float,
+        distance: np.ndarray | float,
+        distance_at: Callable[[np.ndarray | float], np.ndarray | float],
+    ) -> np.ndarray | float:
         """Return the error of the reading [m]."""
         return 1e-6 * self.scale * distance
