@@ -13,6 +13,7 @@ import hashlib
 import importlib.util
 import io
 import json
+import logging
 import math
 import multiprocessing
 import platform
@@ -419,32 +420,37 @@ def _on_cluster(study: Study, task: Task, jobs: Sequence[Job], address: str, not
 
     Dask gives the batches of a worker that dies to others, up to its limit for batches that kill their workers.
     """
+    if not address.rpartition(':')[2].isdigit():
+        raise ConfigurationError(f'--scheduler {address}: expected an address like tcp://host:8786')
     import distributed  # the only place that needs it; it takes half a second
 
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition('.')[0] == 'distributed':  # what matters of what they say is said here, in one line
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
+        distributed.comm.resolve_address(address)  # a client made for a wrong one does not end quietly
         client = distributed.Client(address, timeout=_CONNECT_LIMIT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigurationError(f'--scheduler {address}: no Dask scheduler answers: {error}') from None
     finished: queue.SimpleQueue = queue.SimpleQueue()
     left, doing = list(reversed(jobs)), {}
-    cluster = _Cluster(client, address, note)
     try:
+        cluster = _Cluster(client, address, note)
         while left or doing:
             while left and len(doing) < 2 * cluster.threads + 2:
                 job = left.pop()
                 future = client.submit(_attempt, task, *_order(study, job), pure=False)
                 doing[future.key] = (job, future)
                 future.add_done_callback(finished.put)
-            try:
+            with contextlib.suppress(queue.Empty):
                 future = finished.get(timeout=_LOOK_INTERVAL)
-            except queue.Empty:
-                cluster.look()
-                continue
-            job, _ = doing.pop(future.key)
-            if future.status != 'finished':
-                raise cluster.failure(future)
-            yield job, _result(future.result())
+                job, _ = doing.pop(future.key)
+                if future.status != 'finished':
+                    raise cluster.failure(future)
+                yield job, _result(future.result())
             cluster.look()
+    except (OSError, TimeoutError):  # of the connection
+        raise StudyStopped(f'the Dask scheduler at {address} is gone') from None
     finally:
         with contextlib.suppress(Exception):  # a scheduler that is gone has nothing left to cancel
             client.cancel([future for _, future in doing.values()])

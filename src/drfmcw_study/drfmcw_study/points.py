@@ -1,7 +1,7 @@
 """Points of a Monte Carlo study: a scenario with some of its settings, or the evaluation's, varied over a grid.
 
 A point is a JSON-ready mapping with the keys `varied` (key: value as given), `scenario`, `estimator` and `fusion`
-(what their YAML sections would hold). Free of ROS.
+(what their YAML would hold), and `seed`, which takes the place of the scenario's. Free of ROS.
 """
 
 import copy
@@ -91,8 +91,9 @@ def grid(
         for (key, _), value in zip(varied, chosen, strict=True):
             _assign(point, f'{key}={value}')
             point['varied'][key] = value
-        conditions = {k: v for k, v in point['scenario'].items() if k not in ('seed', 'description')}
-        point['scenario'] = conditions | {'seed': point_seed(seed, conditions)}
+        for key in ('seed', 'description'):
+            point['scenario'].pop(key, None)
+        point['seed'] = point_seed(seed, point['scenario'])
         settings(point)  # refuses what is not valid before anything is tried
         points.append(point)
     return points
@@ -125,7 +126,7 @@ def settings(point: Mapping[str, Any]) -> tuple[Scenario, EstimatorSettings, Fus
         ConfigurationError: unknown key or wrong value; names the point.
     """
     where = ', '.join(f'{key}={value}' for key, value in point['varied'].items()) or 'scenario'
-    scenario = scenario_from_mapping(point['scenario'], where)
+    scenario = scenario_from_mapping({**point['scenario'], 'seed': point['seed']}, where)
     estimator, fusion = (from_mapping(cls, point[key], f'{where}: {key}') for key, cls in _EVALUATION.items())
     return scenario, estimator, fusion
 
