@@ -177,13 +177,20 @@ class ResultDirectory:
         Raises:
             ConfigurationError: it holds something else, is in use, or cannot be written.
         """
+        with contextlib.ExitStack() as stack:
+            self._take(stack)
+            self._lock = stack.pop_all()
+        return self
+
+    def _take(self, stack: contextlib.ExitStack) -> None:
+        """Lock the directory, and make or check what it holds."""
         manifest = self.path / _MANIFEST
         wanted = self._content()
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             if not manifest.exists() and any(p.name != _LOCK for p in self.path.iterdir()):
                 raise ConfigurationError(f'{self.path}: is not empty and holds no Monte Carlo study; choose another')
-            lock = self._lock.enter_context(open(self.path / _LOCK, 'a'))
+            lock = stack.enter_context(open(self.path / _LOCK, 'a'))
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ConfigurationError(f'{self.path}: another run is working on this study') from None
@@ -199,7 +206,6 @@ class ResultDirectory:
                 raise ConfigurationError(f'{self.path}: holds another study: {change}; choose another directory')
         else:
             write_atomically(manifest, json.dumps(wanted, indent=1) + '\n')
-        return self
 
     def __exit__(self, *exception: object) -> None:
         """Let others in."""
@@ -250,7 +256,7 @@ class ResultDirectory:
     def _read(self, job: Job) -> dict[str, np.ndarray] | None:
         """Return a batch, None where it is missing or damaged (the archive's checksums tell)."""
         try:
-            with np.load(job.file(self.path)) as archive:
+            with open(job.file(self.path), 'rb') as file, np.load(file) as archive:
                 arrays = {name: archive[name] for name in archive.files}
         except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
             return None

@@ -42,7 +42,7 @@ def values_of(text: str) -> tuple[str, list[str]]:
         return key, given.split(',')
     try:
         first, last, step = (float(part) for part in given.split(':'))
-        count = math.floor((last - first) / step + 1e-9) + 1
+        count = math.floor((last - first) / step + 1e-6) + 1
     except (ValueError, ZeroDivisionError, OverflowError):
         raise ConfigurationError(f"--vary '{text}': expected three numbers, KEY=first:last:step") from None
     if not 1 <= count <= _LARGEST_GRID:
