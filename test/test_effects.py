@@ -12,6 +12,7 @@ import pytest
 import yaml
 from scenes import mapping, scene
 from scipy import integrate
+from scipy.signal import hilbert
 
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effect_table import example_of
@@ -26,6 +27,7 @@ CENTER = 5.8e9
 CHIRP = 150e9  # Hz/s
 BOTH_ON = slice(24, 2024)  # samples in which every station hears the other one
 SEED = 5
+PRACTICE = Path('/work/shared/recordings/practice')
 
 # Names, what one instance belongs to, and parameters with their units, as the interfaces have them.
 INTERFACE = {
@@ -505,7 +507,7 @@ def test_motion_of_each_distance():
 
 
 def test_sway_is_a_sine_in_time():
-    """Place, velocity and acceleration at each sweep are those of the sine; within the sweep too, to its third order."""
+    """Place, velocity and acceleration at each sweep are those of the sine; within it too, to the third order."""
     m = measured(5, speed=2.0)
     for phase in (0.0, 1.0):
         effects = made([sized('sway', amplitude=0.02, frequency=3.0, phase=phase)])
@@ -715,3 +717,57 @@ def test_reference_is_offset_and_scaled():
     assert readings - distance == pytest.approx(-0.02)
     _, readings, distance = references([offset, scale], standing)
     assert readings - distance == pytest.approx(-0.02 + 30e-6 * distance)
+
+
+# --- recordings made by another hand ---
+
+
+def shape_of(phase):
+    """Phase over the sweep without its parabola, weighted by a Hann window [..., samples]."""
+    window = np.hanning(phase.shape[-1])
+    basis = np.vander(np.linspace(-1.0, 1.0, len(window)), 3)
+    coefficients, *_ = np.linalg.lstsq(basis * window[:, None], (phase * window).T, rcond=None)
+    return (phase - (basis @ coefficients).T) * np.sqrt(window)
+
+
+@pytest.mark.skipif(not PRACTICE.exists(), reason='the shared recordings are not there')
+@pytest.mark.parametrize(
+    ('recording', 'entries'),
+    [
+        (2, [sized('sweep_ripple', deviation=500.0, rate=9000.0, phase=p) for p in (0.0, math.pi / 2)]),
+        (6, [sized('pll_settling', step=60e3, natural_frequency=18e3, damping=0.35)]),
+    ],
+)
+def test_ramp_shapes_recorded_by_another_hand(recording, entries):
+    """The IF phase's shape in a recording is that of the effect that the recording conceals, times one.
+
+    24 sweeps at each of four distances, both stations; a shape is found to 1 %, mostly by how the analytic signal
+    of a real record bends at its ends; within 4 %. The ripple's phase is not told: two quadratures.
+    """
+    bag = pytest.importorskip('drfmcw_ros.bag')
+    station = {2: 'master', 6: 'slave'}[recording]
+    latest, sweeps = {}, {}
+    with bag.BagReader(PRACTICE / f'recording_{recording}') as reader:
+        for topic, _, message in reader.messages():
+            if topic.endswith('if_samples') and latest['/reference/range'].range < 200.0:
+                place = 25 * round(latest['/reference/range'].range / 25)  # near enough: the ramps differ by ns
+                sweeps.setdefault((message.station, place), []).append(message.samples)
+            latest[topic] = message
+    alphas = tuple(latest[f'/{name}/calibration'].alpha for name in ('master', 'slave'))
+    rows = slice(40, 2000)
+    found = []
+    for (receiver, place), recorded in sweeps.items():
+        if len(recorded) < 20:
+            continue
+        number = ('master', 'slave').index(receiver)
+        m = measured(1, float(place), alphas=alphas, waveform={'iq': True})
+        nominal = analogue(m)[number][0]
+        sign = np.sign(np.angle(nominal[1001] / nominal[1000]))  # a real IF shows the positive line
+        changed = [analogue(m, made([e | {'station': station}]))[number][0] for e in entries]
+        templates = [shape_of(sign * np.unwrap(np.angle(c * np.conj(nominal))[rows])) for c in changed]
+        phase = np.unwrap(np.angle(hilbert(np.array(recorded, float), axis=1)), axis=1)[:, rows]
+        weights, *_ = np.linalg.lstsq(np.array(templates).T, shape_of(phase).mean(axis=0), rcond=None)
+        found.append(weights)
+    assert len(found) >= 4
+    size = np.linalg.norm(found, axis=1) if len(entries) > 1 else np.array(found)[:, 0]
+    assert np.mean(size) == pytest.approx(1.0, abs=0.04)

@@ -163,7 +163,7 @@ def _line_change(nominal: np.ndarray, changed: np.ndarray) -> tuple[np.ndarray, 
     rows = slice(24, 24 + count)
     window = np.hanning(count)
     mixed = changed[:, rows] * np.conj(nominal[:, rows]) * window
-    padded = 1 << 14
+    padded = 1 << 12
     frequency = np.fft.fftfreq(padded, 1.0 / _SAMPLE_RATE)
     spectrum = np.abs(np.fft.fft(mixed, padded, axis=1))
     spectrum[:, np.abs(frequency) > _SEARCH] = 0.0

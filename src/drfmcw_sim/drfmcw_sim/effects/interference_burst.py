@@ -17,7 +17,7 @@ class InterferenceBurst(Effect, name='interference_burst', of='station'):
 
     acts_on = 'noise'
     formula = 'x → x + s 10^(level / 20) √½ w(t) for t₀ ≤ t < t₀ + duration, w white with unit variance, s full scale'
-    example = {'probability': 0.1, 'level': -40.0, 'duration': 5e-5}
+    example = {'probability': 0.3, 'level': -40.0, 'duration': 5e-5}
 
     probability: float = parameter(bounds=(0.0, 1.0), description='of a burst in a sweep')
     level: float = parameter(
