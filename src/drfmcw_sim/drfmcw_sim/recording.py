@@ -1,16 +1,18 @@
 """Renders a scenario into a rosbag2 recording, as fast as possible, never holding more than a few blocks of sweeps."""
 
-import collections
-import copy
+import contextlib
 import dataclasses
+import itertools
 import math
 import multiprocessing
 import os
+import queue
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +24,7 @@ from .scenario import Scenario
 from .timeline import NANOSECONDS, Event, Slots, Timeline
 
 _BLOCK = 64  # measurements rendered at once
-_AHEAD = 3  # blocks per process that may wait to be written
+_AHEAD = 3  # blocks of a process that may wait to be written
 
 
 def message_type(topic: str) -> str:
@@ -48,19 +50,11 @@ def to_rosbags(content: Any, name: str) -> Any:
     return cls(**values)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Block:
+class _Block(NamedTuple):
     """Measurements that are rendered together, and what is published before them."""
 
-    timeline: Timeline  # as it stands before them
-    slots: Slots
     before: list[Event]
-
-    def events(self) -> Iterator[Event]:
-        """Yield everything that is published, in order; the IF samples are synthesised here."""
-        yield from self.before
-        if len(self.slots):
-            yield from self.timeline.render(self.slots)
+    slots: Slots | None
 
 
 class _Message(NamedTuple):
@@ -74,73 +68,111 @@ class _Message(NamedTuple):
 
 
 def _blocks(timeline: Timeline, size: int) -> Iterator[_Block]:
-    """Yield a scenario cut into blocks; moves the timeline to its end."""
+    """Yield a scenario cut into blocks, each while the timeline stands before it; one without sweeps has no slots."""
     before = timeline.opening()
     while not timeline.finished:
         slots = timeline.slots(size)
         if len(slots) == 0:
             before += timeline.due_mode_changes()
             continue
-        yield _Block(copy.deepcopy(timeline), slots, before)
+        yield _Block(before, slots)
         timeline.advance(len(slots))
         before = []
     if before:
-        yield _Block(timeline, timeline.slots(0), before)
+        yield _Block(before, None)
+
+
+def _render(timeline: Timeline, block: _Block) -> Iterator[Event]:
+    """Yield everything that is published with a block, in order; the IF samples are synthesised here."""
+    yield from block.before
+    if block.slots is not None:
+        yield from timeline.render(block.slots)
 
 
 def events(timeline: Timeline, block: int = _BLOCK) -> Iterator[Event]:
     """Yield everything that a scenario publishes, in order."""
     for part in _blocks(timeline, block):
-        yield from part.events()
+        yield from _render(timeline, part)
 
 
-def _messages(block: _Block) -> list[_Message]:
-    """Return a block's serialised messages; in a process of its own where several render."""
-    store, result = typestore(), []
-    for event in block.events():
-        name = message_type(event.topic)
-        data = bytes(store.serialize_cdr(to_rosbags(event.content, name), name))
-        result.append(_Message(event.topic, name, event.stamp, data, event.sweep_id))
-    return result
+def _messages(scenario: Scenario, share: int, jobs: int) -> Iterator[list[_Message]]:
+    """Yield the serialised messages of every `jobs`-th block of a scenario, from number `share` on."""
+    store, timeline = typestore(), Timeline(scenario)
+    for number, block in enumerate(_blocks(timeline, _BLOCK)):
+        if number % jobs == share:
+            messages = []
+            for event in _render(timeline, block):
+                name = message_type(event.topic)
+                data = bytes(store.serialize_cdr(to_rosbags(event.content, name), name))
+                messages.append(_Message(event.topic, name, event.stamp, data, event.sweep_id))
+            yield messages
 
 
-def _end_with_parent() -> None:
-    """Let a rendering process end when the one that started it is gone, however it went; Ctrl-C is that one's."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
+def _send_share(connection: Connection, scenario: Scenario, share: int, jobs: int) -> None:
+    """Send a share of the blocks, then None; a process's whole life, which ends when nobody takes them any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the mask was not inherited
+    waiting: queue.Queue[list[_Message] | None] = queue.Queue(_AHEAD)
 
-    def wait() -> None:
-        parent.join()
+    def send() -> None:
+        try:
+            while (messages := waiting.get()) is not None:
+                connection.send(messages)
+            connection.send(None)
+        except OSError:  # whoever took them has ended, or does not want them any more
+            os._exit(1)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        for messages in _messages(scenario, share, jobs):
+            waiting.put(messages)
+        waiting.put(None)
+        sender.join()
+    except BaseException:
+        traceback.print_exc()
         os._exit(1)
 
-    threading.Thread(target=wait, daemon=True).start()
 
-
-def _rendered(blocks: Iterator[_Block], jobs: int) -> Iterator[list[_Message]]:
+def _rendered(scenario: Scenario, jobs: int) -> Iterator[list[_Message]]:
     """Yield the messages of each block in order, rendered by `jobs` processes not far ahead of what is taken.
+
+    A process renders every jobs-th block and sends it through a pipe of its own, which tells when it has died.
 
     Raises:
         ConfigurationError: a process died.
     """
     if jobs == 1:
-        yield from map(_messages, blocks)
+        yield from _messages(scenario, 0, 1)
         return
     # forkserver: this process may have threads, which a fork would leave in any state
     context = multiprocessing.get_context('forkserver')
     context.set_forkserver_preload([__name__])
-    pool = ProcessPoolExecutor(jobs, context, _end_with_parent)
-    under_way: collections.deque[Future] = collections.deque()
+    workers = []
+    # Ctrl-C reaches every process of the terminal; only this one is to answer it. Those started now inherit the mask,
+    # which the start of the resource tracker would undo.
+    resource_tracker.ensure_running()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
-        for block in blocks:
-            under_way.append(pool.submit(_messages, block))
-            if len(under_way) > _AHEAD * jobs:
-                yield under_way.popleft().result()
-        while under_way:
-            yield under_way.popleft().result()
-    except BrokenProcessPool:
+        for share in range(jobs):
+            receiver, sender = context.Pipe(duplex=False)
+            process = context.Process(target=_send_share, args=(sender, scenario, share, jobs), daemon=True)
+            process.start()
+            sender.close()
+            workers.append((process, receiver))
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for _, receiver in itertools.cycle(workers):
+            messages = receiver.recv()
+            if messages is None:
+                return
+            yield messages
+    except (EOFError, OSError):
         raise ConfigurationError('a rendering process was killed, by lack of memory perhaps; try --jobs 1') from None
     finally:
-        pool.shutdown(cancel_futures=True)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for process, receiver in workers:
+            receiver.close()
+            process.kill()
+            process.join()
 
 
 def write_recording(
@@ -164,12 +196,13 @@ def write_recording(
     Raises:
         ConfigurationError: the recording exists or cannot be written, or a rendering process died.
     """
-    timeline = Timeline(scenario)
-    jobs = min(jobs, math.ceil(timeline.sweep_count / _BLOCK))
-    with BagWriter(path, storage, overwrite) as bag:
-        for messages in _rendered(_blocks(timeline, _BLOCK), jobs):
+    count = 0
+    jobs = min(jobs, math.ceil(Timeline(scenario).sweep_count / _BLOCK))
+    with BagWriter(path, storage, overwrite) as bag, contextlib.closing(_rendered(scenario, jobs)) as rendered:
+        for messages in rendered:
             for message in messages:
                 bag.write(message.topic, message.type, message.stamp, message.data)
+                count = max(count, message.sweep_id + 1)
             if progress is not None:
-                progress(max(message.sweep_id for message in messages) + 1)
-    return timeline.next_sweep_id
+                progress(count)
+    return count
