@@ -20,7 +20,7 @@ from drfmcw_ros.parameter_tables import parameter_table
 from .effects import Effect
 from .scenario import Scenario, scenario_from_mapping
 from .signal_model import Measurements, synthesise
-from .timeline import Timeline
+from .timeline import Slots, Timeline
 
 _DISTANCES = (200.0, 1000.0)  # [m], short- and long-distance mode
 _SWEEPS = 64
@@ -48,7 +48,7 @@ def effect_catalogue() -> str:
 
 
 def _description(cls: type[Effect]) -> str:
-    return ' '.join(cls.__doc__.split())
+    return ' '.join(str(cls.__doc__).split())
 
 
 def _section(name: str, cls: type[Effect]) -> str:
@@ -104,8 +104,8 @@ class _Standing:
     reference: np.ndarray  # readings [n] [m]
 
 
-def _simulated(effect: Mapping[str, Any] | None) -> list[_Standing]:
-    scenario = _scenario(effect)
+def _simulated(entry: Mapping[str, Any] | None) -> list[_Standing]:
+    scenario = _scenario(entry)
     timeline = Timeline(scenario)
     result = []
     for _ in _DISTANCES:
@@ -119,13 +119,17 @@ def _simulated(effect: Mapping[str, Any] | None) -> list[_Standing]:
         whole = m.rows(slice(0, _SWEEPS))
         for e in sorted(scenario.effects, key=lambda e: e.stage):
             e.prepare(whole)
-        readings = slots.distance + sum(
-            e.reference_error(slots.time, slots.distance, lambda t, s=slots: s.distance + _PASSING * (t - s.time))
-            for e in scenario.effects
-        )
+        readings = slots.distance.copy()
+        for effect in scenario.effects:
+            readings += effect.reference_error(slots.time, slots.distance, functools.partial(_passing, slots))
         result.append(_Standing(whole, signals, readings))
         timeline.advance(len(slots))
     return result
+
+
+def _passing(slots: Slots, time: np.ndarray | float) -> np.ndarray | float:
+    """Return the distance at `time` [s] of a crane that passes each slot's distance at even speed [m]."""
+    return slots.distance + _PASSING * (time - slots.time)
 
 
 @functools.cache
