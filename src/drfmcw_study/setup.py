@@ -21,6 +21,7 @@ setup(
     entry_points={
         'console_scripts': [
             'montecarlo = drfmcw_study.monte_carlo:main',
+            'reproduce = drfmcw_study.reproduce:main',
         ],
     },
 )
