@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.pair_processing import PairProcessor
 from drfmcw_node.processing import Beat, StationProcessor, Sweep
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import nearest
@@ -18,7 +19,7 @@ from drfmcw_ros.topics import SITE_TOPICS, is_measured, split_station_topic
 from .pipeline import RangeFusion, RangeResult
 from .settings import FusionSettings
 
-_CHUNK = 256  # sweeps estimated at once: enough to batch, little enough to stay in the cache
+_CHUNK = 512  # sweeps estimated at once: enough to batch, little enough to stay in the cache
 
 _WEATHER = {
     '/site/temperature': ('temperature', 'temperature'),
@@ -100,12 +101,11 @@ class RecordingReplay:
         self.missing = [f'{topic} is missing: {why}' for topic, why in self._optional() if topic not in bag.topics]
         estimator = estimator or EstimatorSettings()
         self._fusion = RangeFusion(fusion)
-        self._processors = {name: StationProcessor(estimator) for name in self.stations}
+        self._processor = PairProcessor(estimator) if estimator.estimator == 'pair' else StationProcessor(estimator)
         for name in self.stations:
             if f'/{name}/calibration' not in bag.topics:  # nominal clocks; the ranges are flagged as uncalibrated
-                for processor in self._processors.values():
-                    processor.add_calibration(Calibration(name))
-        self._pending: dict[str, list[Sweep]] = {name: [] for name in self.stations}
+                self._processor.add_calibration(Calibration(name))
+        self._pending: list[Sweep] = []
         self._reference: list[tuple[int, float, float, str]] = []
         self._sweeps = 0
 
@@ -125,17 +125,19 @@ class RecordingReplay:
         first = {t for t in self._bag.topics if is_measured(t) and split_station_topic(t)[1] != 'if_samples'}
         for topic, _, message in self._bag.messages(first):
             self._take(topic, message)
-        for count, (topic, _, message) in enumerate(self._bag.messages(samples)):
-            self._pending[split_station_topic(topic)[0]].append(from_message(message, Sweep))
+        for count, (_, _, message) in enumerate(self._bag.messages(samples)):
+            self._pending.append(from_message(message, Sweep))
             self._sweeps += 1
-            if max(map(len, self._pending.values())) >= _CHUNK:
+            if len(self._pending) >= _CHUNK:
                 results.extend(self._process())
             if progress is not None and count % 100 == 0:
                 progress(count)
         results.extend(self._process())
+        if isinstance(self._processor, PairProcessor):
+            results.extend(self._combine(self._processor.finish()))
         readings = sorted(self._reference)
         stamps, ranges, stds, frames = zip(*readings, strict=True) if readings else ((), (), (), ())
-        dropped = sum((p.dropped for p in self._processors.values()), collections.Counter())
+        dropped = collections.Counter(self._processor.dropped)
         dropped[self._fusion.reason] += self._fusion.unpaired + self._fusion.without_settings
         return Replay(
             results=results,
@@ -163,22 +165,22 @@ class RecordingReplay:
         elif name == 'sweep_config':
             sweep = from_message(message, SweepSettings)
             self._fusion.add_sweep_config(sweep)
-            for processor in self._processors.values():
-                processor.add_sweep_config(sweep)
+            self._processor.add_sweep_config(sweep)
         elif name == 'calibration':
             calibration = from_message(message, Calibration)
             self._fusion.add_calibration(calibration)
-            for processor in self._processors.values():
-                processor.add_calibration(calibration)
+            self._processor.add_calibration(calibration)
         elif name == 'status':
             self._fusion.add_board_temperature(station, stamp, message.temperature)
 
     def _process(self) -> Iterator[RangeResult]:
         """Estimate the pending sweeps and yield the ranges of those whose partner is there too."""
-        beats: list[Beat] = []
-        for station, sweeps in self._pending.items():
-            beats.extend(self._processors[station].process(sweeps))
-            sweeps.clear()
+        beats = self._processor.process(self._pending)
+        self._pending.clear()
+        return self._combine(beats)
+
+    def _combine(self, beats: list[Beat]) -> Iterator[RangeResult]:
+        """Yield the ranges of beat frequencies whose partner is there too."""
         for beat in sorted(beats, key=lambda b: (b.stamp, b.sweep_id)):
             result = self._fusion.add_beat(beat)
             if result is not None:

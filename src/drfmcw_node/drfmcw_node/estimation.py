@@ -53,14 +53,14 @@ class EstimatorSettings:
 
     estimator: str = parameter(
         'paper',
-        choices=('paper', 'hann', 'ml'),
-        description='FFT, chirp-z zoom and parabola (paper), FFT and one Newton step (hann, fastest), '
-        'maximum likelihood with the mirror line (ml, most accurate)',
+        choices=('paper', 'hann', 'ml', 'pair'),
+        description='FFT, chirp-z zoom and parabola (paper), FFT and Newton steps (hann, fastest), maximum likelihood '
+        'with the mirror line (ml, most accurate), both stations together where both raw sweeps are at hand (pair)',
     )
     window: str = parameter(
         'hann',
         choices=WINDOWS,
-        description='window over the common part of both sweeps; estimators hann and ml have their own',
+        description='window over the common part of both sweeps; the other estimators have their own',
     )
     zoom_points: int = parameter(33, bounds=(5, 1025), description='points of the chirp-z zoom')
     zoom_span: float = parameter(2.0, unit='bins', bounds=(1.0, 16.0), description='width of the chirp-z zoom')
@@ -114,10 +114,12 @@ class Estimates:
 class Sweeps:
     """A chunk of B sweeps between coarse search and refinement; a refinement may move `peak`."""
 
+    samples: np.ndarray  # as the ADC gave them
     record: np.ndarray  # (B, N) less the mean, float32 or complex64 [LSB]
     windowed: np.ndarray  # the same windowed and de-chirped
     spectrum: np.ndarray  # its bins from 0 Hz up (B, K), complex64
     power: np.ndarray  # their squared magnitude (B, K)
+    shown: np.ndarray  # the power that a displayed spectrum holds, negative frequencies too where there are any
     peak: np.ndarray  # strongest bin within the search range (B,)
 
 
@@ -161,7 +163,7 @@ class Estimator:
         self.length = _fft_length(count)
         window = window_samples(settings.window, start, end, rate, count)
         self._window = window.astype(np.float32)
-        self._window_sum = float(window.sum())
+        self.window_sum = float(window.sum())
         window_power = float((window**2).sum())
         bin_width, resolution = rate / self.length, 1.0 / self.duration
         lowest = max(settings.guard_bins * resolution, settings.minimum_frequency)
@@ -186,7 +188,7 @@ class Estimator:
             last_bin=self._last,
             guard=2 * _LOBE_BINS,
             correlated_bins=float(1.0 + 2.0 * autocorrelation[1:].sum()),
-            window_sum=self._window_sum,
+            window_sum=self.window_sum,
             window_power=window_power,
         )
         # each oscillator's noise passes whole into a single station's frequency
@@ -211,10 +213,14 @@ class Estimator:
             chunk = slice(i, i + rows)
             wanted = None if spectrum is None else spectrum[chunk]
             parts.append(self._estimate(samples[chunk], full_scale[chunk], wanted))
+        return self.collect(parts)
+
+    def collect(self, parts: list[list[np.ndarray]]) -> Estimates:
+        """Return the results of several chunks, each of `conclude`, as one."""
         fields = parts[0] if len(parts) == 1 else [np.concatenate(p) for p in zip(*parts, strict=True)]
         return Estimates(
             *fields[:7],
-            spectrum=fields[7] if spectrum is not None else None,
+            spectrum=fields[7] if len(fields) > 7 else None,
             window=self.weighting,
             spectrum_start=-(self.length // 2) * self.sweep.sample_rate / self.length if self.iq else 0.0,
             spectrum_step=self.sweep.sample_rate / self.length,
@@ -239,19 +245,42 @@ class Estimator:
 
     def _estimate(self, samples: np.ndarray, full_scale: np.ndarray, wanted: np.ndarray | None) -> list[np.ndarray]:
         """Return the seven result arrays of one chunk and, where asked for, the spectra of the sweeps `wanted`."""
+        sweeps = self.search(samples)
+        return self.conclude(sweeps, *self._refine(sweeps), full_scale, wanted)
+
+    def search(self, samples: np.ndarray) -> 'Sweeps':
+        """Return the sweeps with the strongest bin of each found; `samples` as for a call, few enough for the cache."""
         samples = np.ascontiguousarray(samples)
         record, windowed, spectrum, shown = self._transform(samples)
         power = spectrum.real**2
         power += spectrum.imag**2
-        if shown is None:
-            shown = power
         peak = power[:, self._first : self._last + 1].argmax(axis=1) + self._first
-        sweeps = Sweeps(record, windowed, spectrum, power, peak)
-        bins, amplitude = self._refine(sweeps)
+        return Sweeps(samples, record, windowed, spectrum, power, power if shown is None else shown, peak)
+
+    def conclude(
+        self,
+        sweeps: 'Sweeps',
+        bins: np.ndarray,
+        amplitude: np.ndarray,
+        full_scale: np.ndarray,
+        wanted: np.ndarray | None,
+    ) -> list[np.ndarray]:
+        """Return the seven result arrays of a chunk and, where asked for, the spectra of the sweeps `wanted`.
+
+        Args:
+            sweeps: of `search`; their spectra are used up.
+            bins: frequency of each line (B,) [bins].
+            amplitude: of each windowed line at the window's centre, complex (B,) [LSB].
+            full_scale: ADC code of full scale (B,) [LSB].
+            wanted: mask (B,), None for no spectra.
+        """
         line = amplitude.real**2 + amplitude.imag**2
-        noise = self.meter.measure(power, sweeps.peak, line, full_scale)
-        magnitude = [] if wanted is None else [self._decibel_full_scale(shown[wanted], full_scale[wanted])]
-        return self._results(samples, power, sweeps.peak, bins, amplitude, line, noise, full_scale) + magnitude
+        noise = self.meter.measure(sweeps.power, sweeps.peak, line, full_scale)
+        magnitude = [] if wanted is None else [self._decibel_full_scale(sweeps.shown[wanted], full_scale[wanted])]
+        return (
+            self._results(sweeps.samples, sweeps.power, sweeps.peak, bins, amplitude, line, noise, full_scale)
+            + magnitude
+        )
 
     def _transform(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """Return the sweeps free of their mean, the same windowed and de-chirped, bins from 0 Hz up, and what to show.
@@ -297,7 +326,7 @@ class Estimator:
         frequency = bins * (sweep.sample_rate / self.length)
         absent = line <= 0.0
         line = np.where(absent, TINY, line)
-        ratio = line / self._window_sum**2 / noise * sweep.sample_rate  # of line to noise density [Hz]
+        ratio = line / self.window_sum**2 / noise * sweep.sample_rate  # of line to noise density [Hz]
         snr = ratio * sweep.ramp_duration
         lead = sweep.ramp_duration / 2 - self.center
         phase = np.angle(amplitude) + 2.0 * np.pi * (frequency * lead + 0.5 * self.chirp * lead**2)
@@ -356,7 +385,7 @@ class Estimator:
 
     def _decibel_full_scale(self, power: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
         """Return squared bin magnitudes in dBFS; a full-scale sine reads 0. float32 for spectra."""
-        per_amplitude = (1.0 if self.iq else 0.5) * self._window_sum * full_scale
+        per_amplitude = (1.0 if self.iq else 0.5) * self.window_sum * full_scale
         if power.ndim == 1:
             return 10.0 * np.log10(power / per_amplitude**2)
         scaled = np.maximum(power * (1.0 / per_amplitude**2)[:, None], 1e-30).astype(np.float32)

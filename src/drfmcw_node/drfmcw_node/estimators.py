@@ -14,6 +14,7 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     'paper': PaperEstimator,
     'hann': HannEstimator,
     'ml': MaximumLikelihoodEstimator,
+    'pair': MaximumLikelihoodEstimator,  # of a sweep without its partner; with it: pair.pair_estimator
 }
 """Estimators by the name that `EstimatorSettings.estimator` selects."""
 

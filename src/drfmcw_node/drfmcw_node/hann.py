@@ -30,7 +30,7 @@ class HannEstimator(Estimator):
         self._slope = window.sum() / (window * u**2).sum() / (2.0 * np.pi)
         lines = np.exp(2j * np.pi * np.subtract.outer(_GRID, self._around)[..., None] * u) @ window
         self._found, amplitude = self._climb(lines, _GRID)
-        self._error, self._gain = _GRID - self._found, self._window_sum / np.abs(amplitude)
+        self._error, self._gain = _GRID - self._found, self.window_sum / np.abs(amplitude)
 
     def _climb(self, lines: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (offset [bins], complex amplitude) of the peak among nine bins (B, 9), from a first guess (B,)."""

@@ -24,9 +24,11 @@ import numpy as np
 import scipy.fft
 
 from .estimation import TINY, Estimator, Sweeps
-from .spectral import parabola_vertex
+from .spectral import parabola_vertex, whole_turns
 
-_FINE = 16  # demodulation frequencies per bin
+FINE = 16
+"""Demodulation frequencies per bin."""
+
 _TERMS = 7  # of the Taylor series, good to 1e-7 for a quarter bin
 _STEPS = 4  # of Newton's method
 _SEARCH_LIMIT = 10.0 ** (19.0 / 10.0)  # of bin power over noise, below which the search is repeated without window
@@ -45,59 +47,72 @@ class MaximumLikelihoodEstimator(Estimator):
         rate = self.sweep.sample_rate
         start, end = self.sweep.analysis_window()
         # a reference 100 ppm fast ends its ramp up to a tenth of a sample early
-        self._samples = slice(math.ceil(start * rate - 1e-6), math.floor(end * rate - 0.5) + 1)
-        self._origin = self.center * rate
-        u = np.arange(self._samples.start, self._samples.stop) - self._origin
+        self.samples = slice(math.ceil(start * rate - 1e-6), math.floor(end * rate - 0.5) + 1)
+        self.origin = self.center * rate
+        u = np.arange(self.samples.start, self.samples.stop) - self.origin
         self._ends = u[0], u[-1] + 1.0
         self._count = len(u)
         scaled = u / (self._count / 2.0)
-        self._powers = np.ascontiguousarray(scaled[:, None] ** np.arange(_TERMS + 1))
+        self._powers = np.ascontiguousarray((scaled ** np.arange(_TERMS + 1)[:, None]).astype(np.float32))
         self._spread = float((scaled**2).mean() - scaled.mean() ** 2)  # of time
         self._curvature = self.chirp / rate**2  # [cycles per sample^2]
-        self._rotation = np.exp(-2j * np.pi * np.arange(_FINE * self.length) / (_FINE * self.length))
-        self._number = np.arange(self._samples.start, self._samples.stop)
-        self._chirped = None if self._dechirp is None else np.exp(-1j * np.pi * self._curvature * u**2)
+        turn = FINE * self.length
+        self._rotation = np.exp(-2j * np.pi * np.arange(turn) / turn).astype(np.complex64)
+        self._number = np.arange(self.samples.start, self.samples.stop)
+        self._chirped = (
+            None if self._dechirp is None else np.exp(-1j * np.pi * self._curvature * u**2).astype(np.complex64)
+        )
 
     def _refine(self, sweeps: Sweeps) -> tuple[np.ndarray, np.ndarray]:
-        record = sweeps.record[:, self._samples]
-        coarse = self._coarse(sweeps, record)
+        record = sweeps.record[:, self.samples]
+        coarse = self.coarse(sweeps)
         moments, total = self._moments(record, coarse)
         offset, amplitude = self._climb(moments, total, coarse)
-        return coarse / _FINE + offset, amplitude * self._window_sum
+        return coarse / FINE + offset, amplitude * self.window_sum
 
-    def _coarse(self, sweeps: Sweeps, record: np.ndarray) -> np.ndarray:
+    def coarse(self, sweeps: Sweeps) -> np.ndarray:
         """Return the line's frequency to a sixteenth of a bin (B,) [1/16 bin]; weak lines are searched for again.
 
         The Hann window costs 1.8 dB, and up to 1.4 dB between bins, which near the threshold would lose lines that the
         whole record still shows.
         """
-        rows, peak = np.arange(len(record)), sweeps.peak
+        record, peak = sweeps.record[:, self.samples], sweeps.peak
+        rows = np.arange(len(record))
         near = np.clip(peak + np.array([[-1], [0], [1]]), 0, sweeps.power.shape[1] - 1)
         three = sweeps.power[rows, near].astype(float)
-        coarse = np.rint(_FINE * (peak + parabola_vertex(*np.log(np.maximum(three, TINY))))).astype(np.int64)
+        coarse = np.rint(FINE * (peak + parabola_vertex(*np.log(np.maximum(three, TINY))))).astype(np.int64)
         noise = np.median(sweeps.power[:, self._first : self._last + 1 : _STRIDE], axis=1) / math.log(2.0)
         weak = np.flatnonzero(three[1] < _SEARCH_LIMIT * noise)
         if len(weak):
-            searched = record[weak] if self._chirped is None else record[weak] * self._chirped.astype(np.complex64)
+            searched = record[weak] if self._chirped is None else record[weak] * self._chirped
             transform = scipy.fft.fft if np.iscomplexobj(searched) else scipy.fft.rfft
             spectrum = transform(searched, _PADDING * self.length)[:, : _PADDING * self.length // 2 + 1]
             power = spectrum.real**2 + spectrum.imag**2
             allowed = slice(_PADDING * self._first, _PADDING * self._last + 1)
-            coarse[weak] = (power[:, allowed].argmax(axis=1) + allowed.start) * (_FINE // _PADDING)
-            peak[weak] = np.rint(coarse[weak] / _FINE).astype(peak.dtype)
+            coarse[weak] = (power[:, allowed].argmax(axis=1) + allowed.start) * (FINE // _PADDING)
+            peak[weak] = np.rint(coarse[weak] / FINE).astype(peak.dtype)
         return coarse
 
     def _moments(self, record: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the moments sum x v^k exp(-j psi) / N, k = 0 ... _TERMS, (B, _TERMS + 1), v in +-1, and the mean."""
-        turns = (coarse[:, None] * self._number) % len(self._rotation)
-        baseband = self._rotation[turns]
-        baseband *= record
+        baseband = self.carrier(coarse) * record
+        parts = baseband.view(np.float32).reshape(len(record), self._count, 2)
+        moments = np.matmul(self._powers, parts).view(np.complex64)[..., 0].astype(complex)
+        return moments / self._count, record.mean(axis=1, dtype=complex)
+
+    def carrier(self, coarse: np.ndarray) -> np.ndarray:
+        """Return exp(-j psi) of the samples within the window, complex64 (B, N); phase 0 at the window's centre.
+
+        Args:
+            coarse: frequency at the centre (B,) [1/FINE bin]; the known chirp is in it.
+        """
+        result = self._rotation[whole_turns(coarse[:, None], self._number, len(self._rotation))]
+        # the table starts at sample 0
+        turned = np.remainder(coarse * (self.origin / len(self._rotation)), 1.0)
+        result *= np.exp(2j * np.pi * turned).astype(np.complex64)[:, None]
         if self._chirped is not None:
-            baseband *= self._chirped
-        parts = baseband.view(float).reshape(len(record), self._count, 2)
-        moments = np.matmul(self._powers.T, parts)
-        origin = np.exp(2j * np.pi * np.remainder(coarse * (self._origin / len(self._rotation)), 1.0))
-        return moments.view(complex)[..., 0] * (origin / self._count)[:, None], record.mean(axis=1, dtype=complex)
+            result *= self._chirped
+        return result
 
     def _climb(self, moments: np.ndarray, total: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (offset from the coarse frequency [bins], amplitude a) by Newton's method, each (B,)."""
@@ -106,7 +121,7 @@ class MaximumLikelihoodEstimator(Estimator):
         scale = self.length / self._count / np.pi  # bins per unit of the phase's slope over v
         for step in range(_STEPS + 1):
             zeroth, first = _shifted(moments, -1j * offset / scale)
-            frequency = (coarse / _FINE + offset) / self.length
+            frequency = (coarse / FINE + offset) / self.length
             d0, d1 = self._leakage(frequency, 1)
             m0, m1 = (0.0, 0.0) if self.iq else self._leakage(frequency, 2)
             for _ in range(2):

@@ -142,7 +142,7 @@ class StationProcessor:
         for index, sweep in enumerate(sweeps):
             chosen = self._estimator(sweep)
             samples = np.asarray(sweep.samples)
-            reason = chosen if isinstance(chosen, str) else _refusal(sweep, samples, chosen.sweep.sample_count)
+            reason = chosen if isinstance(chosen, str) else refusal(sweep, samples, chosen.sweep.sample_count)
             if reason:
                 self.dropped[reason] += 1
                 continue
@@ -154,19 +154,27 @@ class StationProcessor:
         spectra: list[Spectrum | None] = [None] * len(sweeps)
         for chosen, indices, rows in groups.values():
             group = [sweeps[i] for i in indices]
-            wanted = np.array([every > 0 and s.sweep_id % every == 0 for s in group])
-            result = chosen(np.stack(rows), np.array([s.full_scale for s in group]), wanted if wanted.any() else None)
-            for index, beat in zip(indices, _beats(group, result), strict=True):
-                beats[index] = beat
-            if result.spectrum is not None:
-                shown = np.flatnonzero(wanted)
-                for row, magnitude in zip(shown.tolist(), result.spectrum, strict=True):
-                    spectra[indices[row]] = _spectrum(group[row], chosen.settings.window, result, magnitude)
-            self.weak += int(np.count_nonzero(result.flags & np.uint8(Flag.WEAK_SIGNAL)))
+            wanted = wanted_spectra(group, every)
+            result = chosen(np.stack(rows), np.array([s.full_scale for s in group]), wanted)
+            of_group = self._results(group, result, wanted)
+            for index, beat, spectrum in zip(indices, *of_group, strict=True):
+                beats[index], spectra[index] = beat, spectrum
         return [b for b in beats if b is not None], [s for s in spectra if s is not None]
 
-    def _estimator(self, sweep: Sweep) -> Estimator | str:
-        """Return the estimator for the sweep's settings and calibrations, or why there is none."""
+    def _results(
+        self, sweeps: Sequence[Sweep], result: Estimates, wanted: np.ndarray | None
+    ) -> tuple[list[Beat], list[Spectrum | None]]:
+        """Return what is published of sweeps evaluated together, None for a spectrum not wanted; counts weak ones."""
+        spectra: list[Spectrum | None] = [None] * len(sweeps)
+        if wanted is not None:
+            window = self._settings.window
+            for row, magnitude in zip(np.flatnonzero(wanted).tolist(), result.spectrum, strict=True):
+                spectra[row] = _spectrum(sweeps[row], window, result, magnitude)
+        self.weak += int(np.count_nonzero(result.flags & np.uint8(Flag.WEAK_SIGNAL)))
+        return _beats(sweeps, result), spectra
+
+    def _conditions(self, sweep: Sweep) -> tuple[SweepSettings, Calibration, Calibration] | str:
+        """Return the sweep's settings, its station's and its peer's calibration, or why one is missing."""
         settings = _holding(self._sweep_settings.get((sweep.station, sweep.peer)), sweep.stamp)
         if settings is None:
             return f'no sweep settings of {sweep.station} for {sweep.peer} from before the sweep'
@@ -176,7 +184,14 @@ class StationProcessor:
             if calibration is None:
                 return f'no calibration of {station} from before the sweep'
             calibrations.append(calibration)
-        own, peer = calibrations
+        return settings, *calibrations
+
+    def _estimator(self, sweep: Sweep) -> Estimator | str:
+        """Return the estimator for the sweep's settings and calibrations, or why there is none."""
+        conditions = self._conditions(sweep)
+        if isinstance(conditions, str):
+            return conditions
+        settings, own, peer = conditions
         key = (id(settings), id(own), id(peer), sweep.iq)
         chosen = self._estimators.get(key)
         if chosen is None:
@@ -224,7 +239,15 @@ class EarlySweeps:
         return ready
 
 
-def _refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
+def wanted_spectra(sweeps: Sequence[Sweep], every: int) -> np.ndarray | None:
+    """Return which sweeps' spectra are wanted: numbers that are multiples of `every`; None for none of them."""
+    if every <= 0:
+        return None
+    wanted = np.array([s.sweep_id % every == 0 for s in sweeps])
+    return wanted if wanted.any() else None
+
+
+def refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
     """Return why a sweep cannot be evaluated, '' where it can."""
     expected = sample_count * (2 if sweep.iq else 1)
     if samples.ndim != 1 or samples.dtype != np.int16:

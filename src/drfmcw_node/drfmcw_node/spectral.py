@@ -34,6 +34,16 @@ def window_samples(name: str, start: float, end: float, sample_rate: float, coun
     return w
 
 
+def whole_turns(frequency: np.ndarray, sample: np.ndarray, turn: int) -> np.ndarray:
+    """Return `frequency` * `sample` modulo `turn`, all whole numbers: where in a table of one turn a phase stands."""
+    product = frequency * sample
+    if turn & (turn - 1) == 0:
+        product &= turn - 1  # 10 times faster than the remainder
+    else:
+        product %= turn
+    return product
+
+
 class ChirpZ:
     """Chirp-z transform onto a fine grid around one bin of each sweep (Rabiner, Schafer and Rader 1969; Bluestein).
 
@@ -77,12 +87,7 @@ class ChirpZ:
         Returns:
             Complex array (B, points).
         """
-        product = bins[:, None] * self._n
-        if self._length & (self._length - 1) == 0:
-            product &= self._length - 1  # 10 times faster than the remainder
-        else:
-            product %= self._length
-        shifted = self._table[product]
+        shifted = self._table[whole_turns(bins[:, None], self._n, self._length)]
         shifted *= windowed
         shifted *= self._before
         spectrum = np.fft.fft(shifted, self._size)

@@ -1,0 +1,251 @@
+"""Both stations' sweeps evaluated jointly, where the raw samples of both are at hand.
+
+What the two sweeps share, the oscillators' noise and the chirp that different references leave on the lines, stands in
+both with opposite signs. Each sweep is demodulated near its line and averaged over blocks of some fifteen microseconds;
+the product of both basebands (one conjugated in short-distance mode) is then a tone at the combined beat frequency in
+which all that cancels, however strong it is and whether or not it is calibrated. Mirror line and constant are taken
+off each block beforehand, by the line that a first round finds.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.fft
+
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import Role, SweepSettings
+
+from .estimation import TINY, Estimates, EstimatorSettings, Sweeps
+from .maximum_likelihood import FINE, MaximumLikelihoodEstimator
+
+_CHUNK = 1 << 16  # samples of one station worked on at once: the temporaries of both stay in the cache
+_BLOCKS = range(24, 41)  # lengths of a block that are tried [samples]
+_PADDING = 4  # of the transform in which a tone is searched
+_STEPS = 2  # of Newton's method
+_ROUNDS = 3  # of mirror line and constant against a line whose chirp is not known
+
+
+@dataclasses.dataclass(frozen=True)
+class _Demodulated:
+    """One station's sweeps times exp(-j psi), in blocks."""
+
+    line: np.ndarray  # (B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, mirror line and constant leaking in
+    mirror: np.ndarray | None  # what a mirror line of amplitude 1 leaks (B, K), None for quadrature samples
+    constant: np.ndarray  # what a constant of 1 leaks (B, K)
+    mean: np.ndarray  # of the samples (B, 1) [LSB]
+
+    def without_leakage(self, model: np.ndarray) -> np.ndarray:
+        """Return the blocks without what leaks, by the amplitude `model` (B, K) of the line."""
+        leaked = (model * self.constant.conj()).mean(axis=1)[:, None]
+        if self.mirror is None:
+            return self.line - (self.mean - leaked) * self.constant
+        return self.line - model.conj() * self.mirror - (self.mean - 2.0 * leaked.real) * self.constant
+
+
+@dataclasses.dataclass(frozen=True)
+class _Line:
+    """One station's line about the frequency of its demodulation."""
+
+    frequency: np.ndarray  # (B,) [cycles per sample]
+    amplitude: np.ndarray  # at the window's centre, complex (B,) [LSB]
+    blocks: np.ndarray  # amplitude of each block, chirp included (B, K)
+
+
+class PairEstimator:
+    """Estimates both stations' beat frequencies from both stations' samples.
+
+    The single frequencies are as good as one station can tell them; their combination is that of the product, and the
+    phases combine to the product's phase.
+    """
+
+    def __init__(
+        self,
+        first: SweepSettings,
+        second: SweepSettings,
+        settings: EstimatorSettings,
+        iq: bool = False,
+        first_calibration: Calibration | None = None,
+        second_calibration: Calibration | None = None,
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
+
+        Args:
+            first: settings of the station that starts first.
+            second: of the other.
+            settings: of the estimation.
+            iq: quadrature samples.
+            first_calibration: None where unknown; the residual chirp is then estimated.
+            second_calibration: None where unknown.
+
+        Raises:
+            ConfigurationError: the stations do not sweep alike, or leave no frequency to search.
+        """
+        alike = ('mode', 'bandwidth', 'ramp_duration', 'start_delay', 'sample_rate', 'sample_count')
+        for name in alike:
+            if getattr(first, name) != getattr(second, name):
+                raise ConfigurationError(
+                    f'{name} of {first.station} and {second.station} differ: '
+                    f'{getattr(first, name):g} and {getattr(second, name):g}'
+                )
+        if (first.role, second.role) != (Role.FIRST, Role.SECOND):
+            raise ConfigurationError(f'{first.station} and {second.station}: need one first and one second station')
+        self.stations = (
+            MaximumLikelihoodEstimator(first, settings, iq, first_calibration, second_calibration),
+            MaximumLikelihoodEstimator(second, settings, iq, second_calibration, first_calibration),
+        )
+        self._sign = first.line_sign() * second.line_sign()
+        count = min(s.samples.stop - s.samples.start for s in self.stations)
+        self._size = min(_BLOCKS, key=lambda n: (count % n, -n))
+        self._count = count // self._size * self._size  # samples of each station that blocks cover
+        index = (self._size - 1) / 2 + self._size * np.arange(count // self._size)
+        # of the blocks, each station's counted from the centre of its own window [samples]
+        self._time = tuple(s.samples.start - s.origin + index for s in self.stations)
+        self._weights = np.full(self._size, 1.0 / self._size, np.complex64)
+        self._calibrated = first_calibration is not None and second_calibration is not None
+        self._late = self._time[1][0] - self._time[0][0]
+
+    def __call__(
+        self,
+        first: np.ndarray,
+        second: np.ndarray,
+        full_scale: tuple[np.ndarray | float, np.ndarray | float],
+        spectrum: np.ndarray | None = None,
+    ) -> tuple[Estimates, Estimates]:
+        """Estimate the beat frequencies of each pair of sweeps.
+
+        Args:
+            first: int16 (B, sample_count) of the first station, or (B, 2 sample_count) I, Q, I, Q, ...
+            second: of the second station, the same sweeps.
+            full_scale: ADC code of full scale of each station [LSB], scalars or (B,).
+            spectrum: mask (B,) of the sweeps whose magnitude spectra are wanted; None for no spectra.
+        """
+        scales = [np.broadcast_to(np.asarray(f, float), len(first)) for f in full_scale]
+        rows = max(_CHUNK // self.stations[0].sweep.sample_count, 1)
+        parts: tuple[list, list] = ([], [])
+        for i in range(0, len(first), rows):
+            chunk = slice(i, i + rows)
+            wanted = None if spectrum is None else spectrum[chunk]
+            found = [s.search(x[chunk]) for s, x in zip(self.stations, (first, second), strict=True)]
+            lines = self._refine(*found)
+            for part, station, sweeps, line, scale in zip(parts, self.stations, found, lines, scales, strict=True):
+                part.append(station.conclude(sweeps, *line, scale[chunk], wanted))
+        return tuple(s.collect(p) for s, p in zip(self.stations, parts, strict=True))
+
+    def _refine(self, *found: Sweeps) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,)."""
+        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
+        records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
+        lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
+        models = self._fit(lines, chirp if self._calibrated else self._chirp(lines))
+        for _ in range(1 if self._calibrated else _ROUNDS):
+            lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
+            chirp = self._chirp(lines)
+            models = self._fit(lines, chirp)
+        combined, value = _tone(self._products(lines)[0], self._time[0], self._size)
+        combined += chirp * self._late  # the second station's blocks come later by part of a sample
+        one, two = models
+        turns = two.frequency * self._late + 0.5 * self._sign * chirp * self._late**2
+        value *= np.exp(2j * np.pi * self._sign * turns)
+        error = 0.5 * (combined - (one.frequency - self._sign * two.frequency))
+        single = one.amplitude * (two.amplitude.conj() if self._sign > 0 else two.amplitude)
+        slip = 0.5 * np.angle(value * single.conj())
+        results = []
+        for station, model, at, share in zip(self.stations, models, coarse, (1.0, -self._sign), strict=True):
+            frequency = model.frequency + share * error
+            # a block's mean lowers a line beside the frequency of the demodulation
+            loss = np.sinc(self._size * frequency) / np.sinc(frequency)
+            amplitude = model.amplitude * np.exp(1j * share * slip) / loss
+            results.append((at / FINE + frequency * station.length, amplitude * station.window_sum))
+        return results
+
+    def _products(self, lines: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the product in which what both lines share cancels, and the one that has it twice, (B, K) each."""
+        straight, conjugate = lines[0] * lines[1], lines[0] * lines[1].conj()
+        return (conjugate, straight) if self._sign > 0 else (straight, conjugate)
+
+    def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
+        blocks = self._products(lines)[1]  # twice that chirp
+        lag = blocks.shape[1] // 2
+        beat = blocks[:, lag:] * blocks[:, :-lag].conj()
+        step = (beat[:, 1:] * beat[:, :-1].conj()).sum(axis=1, dtype=complex)
+        return np.angle(step) / (4.0 * np.pi * lag * self._size**2)
+
+    def _fit(self, lines: Sequence[np.ndarray], chirp: np.ndarray) -> list['_Line']:
+        """Return both stations' lines, the first one's residual chirp given (B,) [cycles per sample^2]."""
+        models = []
+        for blocks, time, sign in zip(lines, self._time, (1.0, self._sign), strict=True):
+            bend = _rotation(0.5 * sign * chirp, time**2)
+            frequency, amplitude = _tone(blocks * bend.conj(), time, self._size)
+            bend *= _rotation(frequency, time)
+            bend *= amplitude.astype(np.complex64)[:, None]
+            models.append(_Line(frequency, amplitude, bend))
+        return models
+
+    def _demodulate(self, station: MaximumLikelihoodEstimator, sweeps: Sweeps, coarse: np.ndarray) -> '_Demodulated':
+        """Return one station's sweeps in blocks.
+
+        Args:
+            station: prepared for it.
+            sweeps: of its search.
+            coarse: frequency of the demodulation (B,) [1/FINE bin].
+        """
+        start = station.samples.start
+        record = sweeps.record[:, start : start + self._count]
+        carrier = station.carrier(coarse)[:, : self._count]
+        return _Demodulated(
+            line=self._means(record * carrier),
+            mirror=None if station.iq else self._means(carrier * carrier),
+            constant=self._means(carrier),
+            mean=record.mean(axis=1)[:, None],
+        )
+
+    def _means(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of each block (B, K) of values (B, N)."""
+        return np.matmul(values.reshape(len(values), -1, self._size), self._weights)
+
+
+def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return exp(2j pi rate time), complex64 (B, K), of rates (B,) [cycles per unit] and times (K,)."""
+    angle = (2.0 * np.pi * (rate[:, None] * time)).astype(np.float32)
+    result = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=result.real)
+    np.sin(angle, out=result.imag)
+    return result
+
+
+def _tone(blocks: np.ndarray, time: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (frequency [cycles per sample], complex amplitude at time 0) of the strongest tone of each row.
+
+    Args:
+        blocks: (B, K), one value each `size` samples.
+        time: of the blocks (K,) [samples].
+        size: of a block [samples].
+    """
+    length = scipy.fft.next_fast_len(_PADDING * blocks.shape[1])
+    spectrum = scipy.fft.fft(blocks, length)
+    peak = (spectrum.real**2 + spectrum.imag**2).argmax(axis=1)
+    frequency = scipy.fft.fftfreq(length, size)[peak]
+    for step in range(_STEPS + 1):
+        still = blocks * _rotation(-frequency, time)
+        value = still.mean(axis=1, dtype=complex)
+        if step < _STEPS:
+            slope = (still * time).mean(axis=1) / np.where(value == 0.0, TINY, value)
+            frequency = frequency + slope.imag / (2.0 * np.pi * time.var())
+    return frequency, value
+
+
+@functools.lru_cache(maxsize=32)
+def pair_estimator(
+    first: SweepSettings,
+    second: SweepSettings,
+    settings: EstimatorSettings,
+    iq: bool = False,
+    first_calibration: Calibration | None = None,
+    second_calibration: Calibration | None = None,
+) -> PairEstimator:
+    """Return the estimator of a pair, prepared for one setting; arguments as for `PairEstimator`."""
+    return PairEstimator(first, second, settings, iq, first_calibration, second_calibration)
