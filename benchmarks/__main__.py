@@ -1,28 +1,37 @@
-"""`bench [NAME ...]`: measures speed on this machine and prints each figure beside its goal."""
+"""`bench [NAME ...]`: prints each figure beside its bound, its reference measured in the same run, and its goal."""
 
 import argparse
+import inspect
 import json
 import sys
+from collections.abc import Sequence
 
+from figures import Figure
 from graph import bench_graph
 from rich.console import Console
 from rich.table import Table
+from simulation import bench_simulation
 
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
-BENCHMARKS = {'graph': bench_graph}
+BENCHMARKS = {'simulation': bench_simulation, 'graph': bench_graph}
 
 
 def main() -> int:
     """Run the command line; return the exit status: 1 where a goal is not met."""
     parser = Parser(prog='drfmcw bench', description=__doc__)
     parser.add_argument('names', nargs='*', metavar='NAME', help=f'benchmarks to run (all): {", ".join(BENCHMARKS)}')
-    parser.add_argument('--seconds', type=float, default=60.0, metavar='S', help='length of each live run (60)')
+    parser.add_argument('--seconds', type=float, default=60.0, metavar='S', help='length of each measurement (60)')
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON')
+    parser.add_argument('--list', action='store_true', help='say what each benchmark measures, and end')
     arguments = parser.parse_args()
     for name in arguments.names:
         if name not in BENCHMARKS:
             parser.error(f"unknown benchmark '{name}'; one of {', '.join(BENCHMARKS)}")
+    if arguments.list:
+        for name, benchmark in BENCHMARKS.items():
+            print(f'{name:<12} {inspect.getdoc(benchmark).splitlines()[0]}')
+        return 0
     return guarded('drfmcw bench', lambda: _run(arguments))
 
 
@@ -31,15 +40,31 @@ def _run(arguments: argparse.Namespace) -> int:
     figures = []
     for name in arguments.names or BENCHMARKS:
         figures += BENCHMARKS[name](arguments.seconds, console)
-    table = Table('figure', 'measured', 'goal', 'met', header_style='bold')
-    for figure in figures:
-        met = {True: 'yes', False: 'NO', None: ''}[figure.met]
-        goal = '' if figure.goal is None else f'{figure.relation} {figure.goal:g}'
-        table.add_row(figure.name, f'{figure.value:.4g} {figure.unit}', goal, met)
-    console.print(table)
+    console.print(_table(figures))
     if arguments.json:
         write_atomically(arguments.json, json.dumps([f.as_object() for f in figures], indent=2) + '\n')
     return 1 if any(f.met is False for f in figures) else 0
+
+
+def _table(figures: Sequence[Figure]) -> Table:
+    """Return the figures as a table, with those columns that any of them fills."""
+    columns = {'figure': [f.name for f in figures], 'measured': [f'{_number(f.value)} {f.unit}' for f in figures]}
+    columns['bound'] = [_number(f.bound) for f in figures]
+    columns['reference'] = [f'{_number(f.reference)} {f.reference_name}'.strip() for f in figures]
+    columns['goal'] = ['' if f.goal is None else f'{f.relation} {_number(f.goal)}' for f in figures]
+    columns['met'] = [{True: 'yes', False: 'NO', None: ''}[f.met] for f in figures]
+    filled = {heading: cells for heading, cells in columns.items() if any(cells)}
+    table = Table(*filled, header_style='bold')
+    for cells in zip(*filled.values(), strict=True):
+        table.add_row(*cells)
+    return table
+
+
+def _number(value: float | None) -> str:
+    """Return four digits of a value, without an exponent where it is a rate; nothing for None."""
+    if value is None:
+        return ''
+    return f'{value:.0f}' if 1e3 <= abs(value) < 1e7 else f'{value:.4g}'
 
 
 if __name__ == '__main__':

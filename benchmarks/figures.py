@@ -1,4 +1,4 @@
-"""One measured figure and its goal."""
+"""One measured figure with what it is compared with: a bound, a reference measured in the same run, and its goal."""
 
 import dataclasses
 from typing import Any
@@ -13,6 +13,9 @@ class Figure:
     unit: str = ''
     goal: float | None = None
     relation: str = '<='
+    bound: float | None = None  # what physics allows at best
+    reference: float | None = None  # the same job done by others, measured in the same run
+    reference_name: str = ''
 
     @property
     def met(self) -> bool | None:
