@@ -30,7 +30,7 @@ def main() -> int:
             parser.error(f"unknown benchmark '{name}'; one of {', '.join(BENCHMARKS)}")
     if arguments.list:
         for name, benchmark in BENCHMARKS.items():
-            print(f'{name:<12} {inspect.getdoc(benchmark).splitlines()[0]}')
+            print(f'{name:<12} {(inspect.getdoc(benchmark) or "").splitlines()[0]}')
         return 0
     return guarded('drfmcw bench', lambda: _run(arguments))
 

@@ -7,11 +7,13 @@ import pytest
 
 pytest.importorskip('rclpy')
 bag = pytest.importorskip('drfmcw_ros.bag')
+from drfmcw_physics.air import refractive_index  # noqa: E402
 from drfmcw_physics.settings import ConfigurationError  # noqa: E402
 from drfmcw_sim import simulate  # noqa: E402
 from drfmcw_sim.recording import write_recording  # noqa: E402
 from drfmcw_sim.scenario import read_scenario, scenario_from_mapping  # noqa: E402
 from drfmcw_sim.simulator import Acknowledgements  # noqa: E402
+from drfmcw_sim.timeline import Timeline  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 PRACTICE = Path('/work/shared/recordings/practice/recording_0')
@@ -99,6 +101,39 @@ def test_command_line(tmp_path, capsys):
         assert len(lines) == 1
         assert word in lines[0]
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run']
+
+
+def test_conditions_are_those_of_the_physics():
+    """Delay of a moving crane in the air of its time, free-space link budget, clocks and starts of both stations."""
+    scenario = scenario_from_mapping(
+        {
+            'stations': {
+                'a': {'alpha': 1.00001, 'delay': 12e-9, 'noise_floor': -140.7, 'tx_eirp': 13, 'rx_antenna_gain': 21},
+                'b': {'alpha': 0.99998, 'sample_clock_alpha': 1.00003, 'delay': 15e-9, 'noise_floor': -150.0,
+                      'tx_eirp': 10, 'rx_antenna_gain': 18},
+            },
+            'pairs': [{'first': 'a', 'second': 'b', 'drive': {'waypoints': [100, 900], 'speed': 2.0}}],
+            'weather': {'temperature': {'times': [0, 400], 'values': [-10, 30]}, 'pressure': 98000, 'humidity': 0.5},
+            'timing': {'sweep_interval': 1.0, 'start_delay_jitter': 1e-9},
+        },
+        'test',
+    )  # fmt: skip
+    timeline = Timeline(scenario)
+    m = timeline.measurements(timeline.slots(200), 0)
+    temperature = -10.0 + m.time / 10.0
+    index = refractive_index(temperature, 98000.0, 0.5)
+    assert np.ptp(index) > 1e-6  # the air changes: 1 mm per km and 1e-6
+    assert m.paths[0].delay == pytest.approx(27e-9 + index * m.range / 299792458.0, abs=1e-16)
+    assert m.paths[0].rate == pytest.approx(index * m.velocity / 299792458.0, abs=1e-18)
+    loss = 20.0 * np.log10(4.0 * np.pi * m.range * 5.8e9 / 299792458.0)
+    first, second = m.stations
+    assert first.received_power == pytest.approx(10.0 + 21.0 - loss, abs=1e-9)
+    assert second.received_power == pytest.approx(13.0 + 18.0 - loss, abs=1e-9)
+    assert (first.noise_density[0], second.noise_density[0]) == (-140.7, -150.0)
+    assert (first.alpha[0], second.alpha[0]) == (1.00001, 0.99998)
+    assert second.sample_clock[0] == 1.00003
+    assert m.start_delay[0] == scenario.mode.start_delay_short
+    assert m.start_delay_jitter == 1e-9
 
 
 def test_unknown_storage_is_refused(tmp_path):

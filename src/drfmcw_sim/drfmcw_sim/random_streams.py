@@ -3,6 +3,7 @@
 import enum
 import hashlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.random.bit_generator import ISeedSequence
@@ -23,7 +24,7 @@ class _Digest(ISeedSequence):
     def __init__(self, text: bytes) -> None:
         self._text = text
 
-    def generate_state(self, n_words: int, dtype: type = np.uint32) -> np.ndarray:
+    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> np.ndarray:
         """Return the generator's initial state, BLAKE2b (RFC 7693) of the text."""
         size = n_words * np.dtype(dtype).itemsize
         return np.frombuffer(hashlib.blake2b(self._text, digest_size=size).digest(), dtype)
@@ -38,7 +39,8 @@ def stream(seed: int, purpose: Purpose, number: int, extra: int = 0) -> np.rando
         number: of the sweep, or of the weather report.
         extra: tells effects of one sweep apart.
     """
-    return np.random.Generator(np.random.SFC64(_Digest(b'%d %d %d %d' % (seed, purpose, number, extra))))
+    source: Any = _Digest(b'%d %d %d %d' % (seed, purpose, number, extra))
+    return np.random.Generator(np.random.SFC64(source))
 
 
 def normal_pairs(generators: Sequence[np.random.Generator], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import queue
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -133,7 +133,7 @@ def _send_share(connection: Connection, scenario: Scenario, share: int, jobs: in
         os._exit(1)
 
 
-def _rendered(scenario: Scenario, jobs: int) -> Iterator[list[_Message]]:
+def _rendered(scenario: Scenario, jobs: int) -> Generator[list[_Message], None, None]:
     """Yield the messages of each block in order, rendered by `jobs` processes not far ahead of what is taken.
 
     A process renders every jobs-th block and sends it through a pipe of its own, which tells when it has died.
