@@ -251,18 +251,25 @@ def test_samples_are_the_cosine_of_the_phase_at_the_link_budgets_amplitude():
             )
 
 
-def test_results_depend_on_seed_and_sweep_only():
-    """Rows are bit-identical whatever the batch; other sweeps and seeds differ."""
-    noise = PhaseNoise(-90.0, 200e3)
-    m = pair(21, alphas=(1 + 6e-6, 1 - 9e-6), floor=-140.0, noise=noise)
+@pytest.mark.parametrize('iq', [False, True])
+def test_results_depend_on_seed_and_sweep_only(iq):
+    """Rows are bit-identical whatever the batch, of equal or differing conditions; other sweeps and seeds differ."""
+    n, noise = 70, PhaseNoise(-90.0, 200e3)
+    m = pair(n, floor=-140.7, noise=noise, iq=iq)
     m.start_delay_jitter, m.amplitude_scatter = 1e-9, 0.3
+    generator = np.random.Generator(np.random.SFC64(1))
+    for s in m.stations:  # every second row has clocks that differ, and an accelerated path
+        deviation = 2e-5 * generator.standard_normal(n) * (np.arange(n) % 2)
+        s.alpha, s.sample_clock = 1.0 + deviation, 1.0 + deviation
+    m.paths[0].acceleration = 1e-8 * (np.arange(n) % 2)
+    m.paths.append(Path(m.paths[0].delay + 1e-8, np.zeros(n), np.zeros(n), np.full(n, 0.1)))
     whole = synthesise(m, 7, quantised=False)
-    for size in (1, 4, 13):
-        for begin in range(0, 21, size):
+    for size in (1, 13, 33):
+        for begin in range(0, n, size):
             part = synthesise(m.rows(slice(begin, begin + size)), 7, quantised=False)
             for receiver in (0, 1):
                 assert np.array_equal(part[receiver], whole[receiver][begin : begin + size])
-    assert not np.array_equal(whole[0][0], whole[0][1])
+    assert not np.array_equal(whole[0][0], whole[0][2])
     assert not np.array_equal(synthesise(m.rows(slice(0, 1)), 8, quantised=False)[0][0], whole[0][0])
 
 
