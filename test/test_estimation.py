@@ -21,7 +21,7 @@ FULL_SCALE = 8192.0
 FIRST = SweepSettings('master', 'slave')
 SECOND = SweepSettings('slave', 'master', role=Role.SECOND)
 LOOP = SweepSettings('radar', 'radar', mode=Mode.LONG_DISTANCE, start_delay=0.0)
-RESULTS = ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr', 'spectrum')
+RESULTS = ('flags', 'frequency', 'frequency_std', 'independent_std', 'phase', 'power', 'snr', 'spectrum')
 
 
 def calibration(station, alpha=1.0, floor=math.nan, level=math.nan):
@@ -61,12 +61,13 @@ def noisy_lines(rng, sweep, frequency, amplitude, floor, count, noises=()):
 @given(frequency=st.floats(20e3, 1.0e6), phase=st.floats(-3.1, 3.1), amplitude=st.floats(100.0, 8000.0))
 @settings(max_examples=60, deadline=None, derandomize=True)
 @pytest.mark.parametrize('sweep', [FIRST, SECOND, LOOP], ids=['first', 'second', 'loop'])
-def test_clean_line(sweep, frequency, phase, amplitude):
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_clean_line(name, sweep, frequency, phase, amplitude):
     """Frequency, phase at mid-sweep, power of a line in 1 LSB of noise; the bounds are 5 sigma of it and more."""
     t = instants(sweep)
     wave = amplitude * np.cos(2 * np.pi * frequency * (t - sweep.ramp_duration / 2) + phase)
     wave += np.random.default_rng(2).normal(size=t.shape)
-    result = made(sweep)(sampled(wave)[None], FULL_SCALE)
+    result = made(sweep, estimator=name)(sampled(wave)[None], FULL_SCALE)
     assert abs(result.frequency[0] - frequency) < 0.1 + 150.0 / amplitude
     assert abs(math.remainder(result.phase[0] - phase, 2 * math.pi)) < 1e-3 + 0.5 / amplitude
     level = 20 * math.log10(amplitude / FULL_SCALE) + sweep.full_scale_power
@@ -76,13 +77,14 @@ def test_clean_line(sweep, frequency, phase, amplitude):
 
 @pytest.mark.parametrize('deviation', [2e-6, 20e-6, -40e-6])
 @pytest.mark.parametrize('sweep', [FIRST, SECOND], ids=['first', 'second'])
-def test_residual_chirp_is_taken_off(sweep, deviation):
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_residual_chirp_is_taken_off(name, sweep, deviation):
     """With references apart the line keeps its power, and its frequency is that at the centre of the window."""
     own, peer = calibration(sweep.station, 1.0 + deviation), calibration(sweep.peer)
     chirp, center = residual_chirp(sweep, own.alpha, peer.alpha), sweep.window_center()
     t = instants(sweep) - center
     wave = 3000 * np.cos(2 * np.pi * (523_456.7 * t + chirp / 2 * t**2) + 0.3)
-    result = made(sweep, own=own, peer=peer)(sampled(wave)[None], FULL_SCALE)
+    result = made(sweep, own=own, peer=peer, estimator=name)(sampled(wave)[None], FULL_SCALE)
     assert abs(result.frequency[0] - 523_456.7) < 0.1
     assert abs(result.power[0] - (20 * math.log10(3000 / FULL_SCALE) - 20)) < 0.01
     lead = sweep.ramp_duration / 2 - center
@@ -92,11 +94,12 @@ def test_residual_chirp_is_taken_off(sweep, deviation):
 
 @pytest.mark.parametrize('deviation', [0.0, 20e-6])
 @pytest.mark.parametrize('iq', [False, True], ids=['real', 'quadrature'])
-def test_same_bits_whatever_the_batch(iq, deviation):
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_same_bits_whatever_the_batch(name, iq, deviation):
     """Live nodes take 1..k sweeps at once, the replay hundreds; both must give the same numbers."""
     rng = np.random.default_rng(3)
     noises = calibration('master', 1.0 + deviation, -140.0, -90.0), calibration('slave', 1.0, -140.0, -90.0)
-    estimate = made(iq=iq, own=noises[0], peer=noises[1])
+    estimate = made(iq=iq, own=noises[0], peer=noises[1], estimator=name)
     width = FIRST.sample_count * (2 if iq else 1)
     lines = [noisy_lines(rng, FIRST, f, 300.0, -140.0, 1)[0] for f in rng.uniform(3e4, 9.5e5, 130)]
     samples = np.stack([np.repeat(x, 2) if iq else x for x in lines])
@@ -110,9 +113,9 @@ def test_same_bits_whatever_the_batch(iq, deviation):
                 estimate(memory[i : i + size], FULL_SCALE, everything[i : i + size])
                 for i in range(0, len(memory), size)
             ]
-            for name in RESULTS:
-                split = np.concatenate([getattr(p, name) for p in parts])
-                assert np.array_equal(split, getattr(together, name)), (name, size, offset)
+            for field in RESULTS:
+                split = np.concatenate([getattr(p, field) for p in parts])
+                assert np.array_equal(split, getattr(together, field)), (field, size, offset)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +130,8 @@ def test_same_bits_whatever_the_batch(iq, deviation):
         (-67.7, math.nan, math.nan, 0.0),  # nothing characterised: the noise is measured
     ],
 )
-def test_standard_deviation_is_true(power, floor, level, excess):
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_standard_deviation_is_true(name, power, floor, level, excess):
     """Chi-square of 600 errors over the reported variance; false failure 1e-5 each (4.4 sigma of 0.058)."""
     rng = np.random.default_rng(11)
     own, peer = calibration('master', 1.0, floor, level), calibration('slave', 1.0, floor, level)
@@ -135,24 +139,26 @@ def test_standard_deviation_is_true(power, floor, level, excess):
     true_floor = (floor if math.isfinite(floor) else -140.7) + excess
     amplitude = FULL_SCALE * 10 ** ((power - FIRST.full_scale_power) / 20)
     samples = noisy_lines(rng, FIRST, 611_234.5, amplitude, true_floor, 600, noises)
-    result = made(own=own, peer=peer)(samples, FULL_SCALE)
+    result = made(own=own, peer=peer, estimator=name)(samples, FULL_SCALE)
     chi_square = np.mean(((result.frequency - 611_234.5) / result.frequency_std) ** 2)
     assert abs(chi_square - 1.0) < 0.26
     quantisation = 10 * math.log10(1 + 1 / 12 / floor_variance(true_floor))
     assert abs(np.median(result.snr) - (power - true_floor - 30.0 - quantisation)) < 0.6
 
 
-def test_weak_lines_are_flagged_and_noise_is_no_line():
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_weak_lines_are_flagged_and_noise_is_no_line(name):
     """Below 13 dB nothing is valid; 500 sweeps of noise hold a false line with a probability of 1e-3 each at most."""
     rng = np.random.default_rng(5)
     samples = noisy_lines(rng, FIRST, 4e5, 0.0, -140.7, 500)
-    weak = made()(samples, FULL_SCALE).flags & Flag.WEAK_SIGNAL > 0
+    weak = made(estimator=name)(samples, FULL_SCALE).flags & Flag.WEAK_SIGNAL > 0
     assert weak.mean() > 0.99  # false failure 1e-4
 
 
-def test_silence():
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_silence(name):
     """A sweep without any signal is no measurement."""
-    result = made()(np.zeros((1, 2048), np.int16), FULL_SCALE)
+    result = made(estimator=name)(np.zeros((1, 2048), np.int16), FULL_SCALE)
     assert result.flags[0] & Flag.WEAK_SIGNAL
     assert math.isnan(result.frequency[0]) and math.isinf(result.frequency_std[0])
 
@@ -161,40 +167,46 @@ def flags_of(wave, sweep=FIRST, **changes):
     return Flag(int(made(sweep, **changes)(sampled(wave)[None], FULL_SCALE).flags[0]))
 
 
-def test_flags_say_what_is_wrong():
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_flags_say_what_is_wrong(name):
     """Each doubt raises its flag, and a plain line raises none."""
     t = instants(FIRST)
     noise = np.random.default_rng(6).normal(0, 6, t.shape)
 
+    def flags(wave):
+        return flags_of(wave, estimator=name)
+
     def line(frequency, amplitude=1000.0):
         return amplitude * np.cos(2 * np.pi * frequency * t) + noise
 
-    assert flags_of(line(4.1e5)) == Flag.VALID
-    assert flags_of(np.clip(line(4.1e5), -700, 700)) & Flag.CLIPPED
-    assert flags_of(line(4.1e5, 8191.0)) & Flag.CLIPPED
-    assert flags_of(line(8.5e3)) & Flag.NEAR_DC
-    assert flags_of(line(2.0e3)) & (Flag.NEAR_DC | Flag.WEAK_SIGNAL)
-    assert flags_of(line(1.0155e6)) & Flag.NEAR_NYQUIST
-    assert flags_of(line(4.1e5) + line(5.3e5, 800.0)) & Flag.AMBIGUOUS
-    assert flags_of(line(4.1e5) + line(5.3e5, 100.0)) == Flag.VALID
-    assert flags_of(line(4.1e5) + 3000.0) == Flag.VALID  # a constant
+    assert flags(line(4.1e5)) == Flag.VALID
+    assert flags(np.clip(line(4.1e5), -700, 700)) & Flag.CLIPPED
+    assert flags(line(4.1e5, 8191.0)) & Flag.CLIPPED
+    assert flags(line(8.5e3)) & Flag.NEAR_DC
+    assert flags(line(2.0e3)) & (Flag.NEAR_DC | Flag.WEAK_SIGNAL)
+    assert flags(line(1.0155e6)) & Flag.NEAR_NYQUIST
+    assert flags(line(4.1e5) + line(5.3e5, 800.0)) & Flag.AMBIGUOUS
+    assert flags(line(4.1e5) + line(5.3e5, 100.0)) == Flag.VALID
+    assert flags(line(4.1e5) + 3000.0) == Flag.VALID  # a constant
 
 
-def test_leakage_at_dc_does_not_win():
+@pytest.mark.parametrize('name', ['paper', 'hann'])
+def test_leakage_at_dc_does_not_win(name):
     """A station that hears itself has a strong leakage below the line."""
     t = instants(LOOP)
     wave = 2000 * np.cos(2 * np.pi * 900.0 * t) + 150 * np.cos(2 * np.pi * 25_000.0 * t)
-    assert abs(made(LOOP)(sampled(wave)[None], FULL_SCALE).frequency[0] - 25_000.0) < 20.0
+    assert abs(made(LOOP, estimator=name)(sampled(wave)[None], FULL_SCALE).frequency[0] - 25_000.0) < 20.0
 
 
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
 @pytest.mark.parametrize('sign', [1, -1])
-def test_quadrature_line_of_either_sign(sign):
+def test_quadrature_line_of_either_sign(sign, name):
     """A quadrature line has no mirror image; its frequency is reported positive."""
     t = instants(FIRST)
     phase = 2 * np.pi * 300_123.4 * (t - FIRST.ramp_duration / 2) + 0.7
     wave = 2000 * np.exp(1j * sign * phase)
     samples = sampled(np.column_stack([wave.real, wave.imag]).reshape(1, -1))
-    result = made(iq=True)(samples, FULL_SCALE, np.ones(1, bool))
+    result = made(iq=True, estimator=name)(samples, FULL_SCALE, np.ones(1, bool))
     assert abs(result.frequency[0] - 300_123.4) < 0.05
     assert abs(math.remainder(result.phase[0] - 0.7, 2 * math.pi)) < 1e-3
     assert abs(result.power[0] - (20 * math.log10(2000 / FULL_SCALE) - 20)) < 0.01
@@ -223,16 +235,19 @@ def test_windows_reach_their_own_bound(window):
     assert abs(ratio - 1.0) < 0.16
 
 
-def test_any_sweep_length():
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_any_sweep_length(name):
     """A sample count with a large prime factor, a second-long sweep."""
     long = dataclasses.replace(LOOP, sample_rate=40e3, sample_count=40001, ramp_duration=1.0)
     wave = 5000 * np.cos(2 * np.pi * 1234.567 * instants(long))
-    assert abs(made(long)(sampled(wave)[None], 32768.0).frequency[0] - 1234.567) < 1e-4
+    assert abs(made(long, estimator=name)(sampled(wave)[None], 32768.0).frequency[0] - 1234.567) < 1e-4
 
 
 def test_impossible_settings_are_refused():
     with pytest.raises(ConfigurationError, match='minimum_frequency'):
         EstimatorSettings(minimum_frequency=5e5, maximum_frequency=4e5)
+    with pytest.raises(ConfigurationError, match="window = 'blackman' is for estimator 'paper'"):
+        EstimatorSettings(estimator='ml', window='blackman')
     with pytest.raises(ConfigurationError, match='no frequency to search'):
         made(minimum_frequency=2e6)
     with pytest.raises(ConfigurationError, match='fewer than 16 samples'):

@@ -33,6 +33,7 @@ _TERMS = 7  # of the Taylor series, good to 1e-7 for a quarter bin
 _STEPS = 4  # of Newton's method
 _SEARCH_LIMIT = 10.0 ** (19.0 / 10.0)  # of bin power over noise, below which the search is repeated without window
 _PADDING = 4  # of that search
+_SIDE_LOBE = 1.0 / 16.0  # of a line's power in the windowed spectrum, below which it is none; 3.7 sigma at 13 dB
 _STRIDE = 8  # of the bins among which the noise's median is taken
 
 
@@ -89,8 +90,13 @@ class MaximumLikelihoodEstimator(Estimator):
             spectrum = transform(searched, _PADDING * self.length)[:, : _PADDING * self.length // 2 + 1]
             power = spectrum.real**2 + spectrum.imag**2
             allowed = slice(_PADDING * self._first, _PADDING * self._last + 1)
-            coarse[weak] = (power[:, allowed].argmax(axis=1) + allowed.start) * (FINE // _PADDING)
-            peak[weak] = np.rint(coarse[weak] / FINE).astype(peak.dtype)
+            top = power[:, allowed].argmax(axis=1) + allowed.start
+            found = np.rint(top / _PADDING).astype(peak.dtype)
+            # a side lobe of something outside the range stands in the spectrum without window only
+            expected = power[np.arange(len(weak)), top] * (self.window_sum / self._count) ** 2
+            real = sweeps.power[weak, found] > _SIDE_LOBE * expected
+            coarse[weak[real]] = top[real] * (FINE // _PADDING)
+            peak[weak[real]] = found[real]
         return coarse
 
     def _moments(self, record: np.ndarray, coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
