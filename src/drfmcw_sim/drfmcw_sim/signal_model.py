@@ -182,7 +182,7 @@ def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
     c2 = (0.5 * (k_own - k_peer) + 0.5 * f_peer * c + 0.5 * k_peer * (2.0 * r - r * r - d * c)) * h * h
     c3 = 0.5 * k_peer * (1.0 - r) * c * h**3
     # sample a + b, a the middle of a block: D(a + b) = D(a) + b (D'(a) - c1) + (D(b) - c0), for the cubic term but
-    # for 3 c3 a b^2, which an acceleration of 10 m/s^2 makes 1e-7 rad
+    # for 3 c3 a b^2, which an acceleration of 10 m/s^2 makes 1e-8 rad
     count = own.sweep.sample_count
     a = np.arange(_BLOCK // 2, count + _BLOCK // 2, _BLOCK, dtype=np.float64)
     b = np.arange(-(_BLOCK // 2), _BLOCK // 2)
