@@ -210,7 +210,8 @@ def weather_bounds(model: str, slope: float = 0.0, reference: float | None = Non
 
 
 def _span(bounds: tuple[float, float]) -> str:
-    return f'{bounds[0] * 1e3:+.0f} ... {bounds[1] * 1e3:+.0f} mm'
+    low, high = (round(b * 1e3) for b in bounds)  # whole numbers: no -0
+    return f'{low:+d} ... {high:+d} mm'
 
 
 def _weather_bounds() -> Claim:
@@ -311,7 +312,7 @@ def agreements() -> list[Claim]:
         ),
         Claim(
             'III',
-            '100 MHz reference with -164 dBc/Hz at 100 kHz is good enough',
+            '100 MHz reference with good phase noise, -164 dBc/Hz at 100 kHz',
             f'multiplied to 5.8 GHz: {multiplied:.1f} dBc/Hz, {-90.0 - multiplied:.0f} dB below Table 1',
             multiplied < -110.0,
             "the synthesiser's own noise is what counts",

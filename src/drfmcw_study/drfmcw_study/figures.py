@@ -1,8 +1,10 @@
 """Plots of the reproduction: arrays in SI units in, matplotlib figures out, all in one style."""
 
 import contextlib
+import dataclasses
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -14,7 +16,7 @@ PAPER = '#b03030'  # what the paper states
 PREDICTED = 'black'
 COLORS = {'A': '#1f77b4', 'B': '#e08214'}  # of the noise floors
 SECOND = '#2a8a4a'
-_STYLE = {
+_STYLE: Any = {
     'font.size': 9.5,
     'axes.titlesize': 10,
     'axes.grid': True,
@@ -70,32 +72,49 @@ def _note(axis: Axes, value: float, text: str, below: bool = False) -> None:
     )  # fmt: skip
 
 
-def spectra(panels: Sequence[dict]) -> Figure:
-    """Return Fig. 6: IF spectra of one station.
+@dataclasses.dataclass(frozen=True)
+class SpectrumFloor:
+    """Spectra with one noise floor; powers in the resolution bandwidth, arrays (n,)."""
 
-    Args:
-        panels: one per situation: `title`, `frequency` [Hz], `example` [dBm] of one sweep, and for each noise floor in
-            `mean` and `predicted` an array [dBm]; `skirt` [dBm] of the phase noise alone; `floors` {name: level [dBm]}.
-    """
+    mean: np.ndarray  # simulated [dBm]
+    predicted: np.ndarray  # [dBm]
+    level: float  # of the noise floor alone [dBm]
+
+
+@dataclasses.dataclass(frozen=True)
+class SpectrumPanel:
+    """IF spectra of one station in one situation."""
+
+    title: str
+    count: int  # sweeps in the mean
+    frequency: np.ndarray  # (n,) [Hz]
+    example: np.ndarray  # of one sweep (n,) [dBm]
+    skirt: np.ndarray  # of the phase noise alone (n,) [dBm]
+    floors: Mapping[str, SpectrumFloor]
+    deviation: float  # largest of the mean from the prediction [dB]
+
+
+def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
+    """Return Fig. 6: IF spectra of one station."""
     with style():
         figure, axes = _axes(1, len(panels), 4.4, sharey=True)
         for axis, panel in zip(axes[0], panels, strict=True):
-            f = panel['frequency'] * 1e-3
-            axis.plot(f, panel['example'], color='0.72', linewidth=0.5, label='one sweep, floor B')
-            for name, values in panel['mean'].items():
-                axis.plot(f, values, color=COLORS[name], label=f'mean of {panel["count"]} sweeps, floor {name}')
-            for number, values in enumerate(panel['predicted'].values()):
-                label = 'predicted: line, skirts, floor' if not number else None
-                axis.plot(f, values, color=PREDICTED, linestyle=(0, (4, 3)), linewidth=0.9, label=label)
-            axis.plot(f, panel['skirt'], color=SECOND, linestyle=':', label='phase-noise skirt alone')
-            for name, level in panel['floors'].items():
-                axis.axhline(level, color=COLORS[name], linestyle='-.', linewidth=0.7)
+            f = panel.frequency * 1e-3
+            axis.plot(f, panel.example, color='0.72', linewidth=0.5, label='one sweep, floor B')
+            for name, floor in panel.floors.items():
+                axis.plot(f, floor.mean, color=COLORS[name], label=f'mean of {panel.count} sweeps, floor {name}')
+            label: str | None = 'predicted: line, skirts, floor'
+            for name, floor in panel.floors.items():
+                axis.plot(f, floor.predicted, color=PREDICTED, linestyle=(0, (4, 3)), linewidth=0.9, label=label)
+                label = None
+                axis.axhline(floor.level, color=COLORS[name], linestyle='-.', linewidth=0.7)
                 axis.annotate(
-                    f'noise floor {name}', (0.01, level), xycoords=('axes fraction', 'data'), color=COLORS[name],
+                    f'noise floor {name}', (0.01, floor.level), xycoords=('axes fraction', 'data'), color=COLORS[name],
                     fontsize=8, va='top', xytext=(0, -3), textcoords='offset points',
                     bbox={'facecolor': 'white', 'alpha': 0.7, 'linewidth': 0, 'pad': 0.5},
                 )  # fmt: skip
-            axis.set_title(panel['title'])
+            axis.plot(f, panel.skirt, color=SECOND, linestyle=':', label='phase-noise skirt alone')
+            axis.set_title(panel.title)
             axis.set_xlabel('IF frequency [kHz]')
             axis.set_xlim(0.0, f[-1])
         axes[0, 0].set_ylabel('power in 1.5 kHz (Hann, 1 ms) [dBm]')
@@ -104,38 +123,51 @@ def spectra(panels: Sequence[dict]) -> Figure:
     return figure
 
 
-def offset_sweeps(panels: Sequence[dict]) -> Figure:
-    """Return Fig. 7: bias and standard deviation over T_off and over f_o,off.
+@dataclasses.dataclass(frozen=True)
+class SweptFloor:
+    """What was found with one noise floor; arrays (n,) [m]."""
 
-    Args:
-        panels: one per swept quantity: `label` of the abscissa, `x`, and for each noise floor in `bias`, `bias_error`,
-            `std`, `std_error` and `predicted` an array [m]; `bound` {floor: array [m]}.
-    """
+    bias: np.ndarray  # against the reference setting
+    bias_error: np.ndarray  # its standard error
+    std: np.ndarray
+    std_error: np.ndarray
+    predicted: np.ndarray  # standard deviation with a Hann window
+    bound: np.ndarray  # Cramer-Rao bound
+
+
+@dataclasses.dataclass(frozen=True)
+class SweptPanel:
+    """A setting that was varied."""
+
+    title: str
+    label: str  # of the abscissa
+    x: np.ndarray  # in the unit of the label (n,)
+    floors: Mapping[str, SweptFloor]
+
+
+def offset_sweeps(panels: Sequence[SweptPanel]) -> Figure:
+    """Return Fig. 7: bias and standard deviation over T_off and over f_o,off."""
     with style():
         figure, axes = _axes(2, len(panels), 6.0, sharex='col', sharey='row')
         for column, panel in enumerate(panels):
             top, bottom = axes[:, column]
-            for name in panel['bias']:
+            for name, found in panel.floors.items():
                 color = COLORS[name]
-                shift = {'A': -0.006, 'B': 0.006}[name] * np.ptp(panel['x'])
+                shift = {'A': -0.006, 'B': 0.006}[name] * np.ptp(panel.x)
                 top.errorbar(
-                    panel['x'] + shift, panel['bias'][name] * 1e3, 3e3 * panel['bias_error'][name], fmt='o',
-                    color=color, capsize=2, label=f'simulated, floor {name}, 3 standard errors',
+                    panel.x + shift, found.bias * 1e3, 3e3 * found.bias_error, fmt='o', color=color, capsize=2,
+                    label=f'simulated, floor {name}, 3 standard errors',
                 )  # fmt: skip
                 bottom.errorbar(
-                    panel['x'], panel['std'][name] * 1e3, 3e3 * panel['std_error'][name], fmt='o', color=color,
-                    capsize=2, label=f'simulated, floor {name}',
+                    panel.x, found.std * 1e3, 3e3 * found.std_error, fmt='o', color=color, capsize=2,
+                    label=f'simulated, floor {name}',
                 )  # fmt: skip
-                bottom.plot(
-                    panel['x'], panel['predicted'][name] * 1e3, '-', color=color, label=f'predicted, floor {name}'
-                )
-                bottom.plot(
-                    panel['x'], panel['bound'][name] * 1e3, ':', color=color, label=f'Cramér-Rao bound, floor {name}'
-                )
-            top.set_title(panel['title'])
+                bottom.plot(panel.x, found.predicted * 1e3, color=color, label=f'Hann predicted, floor {name}')
+                bottom.plot(panel.x, found.bound * 1e3, ':', color=color, label=f'Cramér-Rao bound, floor {name}')
+            top.set_title(panel.title)
             _paper_band(top, 5.0, 'paper: bias within ±5 mm', column == 0)
             _paper_line(bottom, 1.0, 'paper: below 1 mm' if column == 0 else '')
-            bottom.set_xlabel(panel['label'])
+            bottom.set_xlabel(panel.label)
         axes[0, 0].set_ylim(-6.5, 6.5)
         axes[1, 0].set_ylim(0.0, 1.6)
         axes[0, 0].set_ylabel('bias relative to T_off = 4 µs [mm]')
@@ -145,39 +177,51 @@ def offset_sweeps(panels: Sequence[dict]) -> Figure:
     return figure
 
 
-def reference_offsets(panels: Sequence[dict]) -> Figure:
-    """Return Fig. 8: bias and standard deviation over the reference frequency offset of station 1.
+@dataclasses.dataclass(frozen=True)
+class ReferencePanel:
+    """What an offset of station 1's reference does at one distance; arrays (n,), lengths in m."""
 
-    Args:
-        panels: one per distance: `title`, `offset` [ppm], `corrected`, `uncorrected`, `unknown` (bias [m]) and their
-            `..._error`, `equation` (eq. 20 [m]), `std`, `unknown_std` [m]; `paper` (bias at 40 ppm [m], text).
-    """
+    title: str
+    offset: np.ndarray  # [ppm]
+    corrected: np.ndarray  # bias with eq. 19
+    uncorrected: np.ndarray  # bias of the same sweeps by eqs. 5 and 6
+    error: np.ndarray  # standard error of both
+    unknown: np.ndarray  # bias where nobody knows the offset
+    unknown_error: np.ndarray  # its standard error
+    equation: np.ndarray  # bias by eq. 20
+    std: np.ndarray  # offset known
+    unknown_std: np.ndarray  # offset unknown
+    predicted: np.ndarray  # standard deviation, offset known
+    stated: float  # the paper's bias at 40 ppm
+    statement: str
+
+
+def reference_offsets(panels: Sequence[ReferencePanel]) -> Figure:
+    """Return Fig. 8: bias and standard deviation over the reference frequency offset of station 1."""
     with style():
         figure, axes = _axes(2, len(panels), 6.6, sharex=True)
         for column, panel in enumerate(panels):
             top, bottom = axes[:, column]
-            x = panel['offset']
-            top.plot(x, panel['equation'] * 1e3, color=PREDICTED, linewidth=1.0, label='eq. 20: R (α² - 1) / 2')
-            for key, color, marker, label in (
-                ('unknown', SECOND, 's', 'α unknown to everything'),
-                ('uncorrected', COLORS['B'], 'o', 'eq. 19 left out'),
-                ('corrected', COLORS['A'], 'o', 'with α (eq. 19)'),
+            x, limit = panel.offset, panel.stated
+            top.plot(x, panel.equation * 1e3, color=PREDICTED, linewidth=1.0, label='eq. 20: R (α² - 1) / 2')
+            for bias, error, marker, color, face, label in (
+                (panel.unknown, panel.unknown_error, 's', SECOND, 'none', 'α unknown to everything'),
+                (panel.uncorrected, panel.error, 'o', COLORS['B'], COLORS['B'], 'eq. 19 left out'),
+                (panel.corrected, panel.error, 'o', COLORS['A'], COLORS['A'], 'with α (eq. 19)'),
             ):
                 top.errorbar(
-                    x, panel[key] * 1e3, 3e3 * panel[key + '_error'], fmt=marker, color=color, capsize=2, label=label,
-                    markerfacecolor='none' if key == 'unknown' else color,
-                )  # fmt: skip
-            limit, text = panel['paper']
+                    x, bias * 1e3, 3e3 * error, fmt=marker, color=color, capsize=2, markerfacecolor=face, label=label
+                )
             for sign in (-1.0, 1.0):
                 top.plot([sign * 40.0], [sign * limit * 1e3], '*', color=PAPER, markersize=10)
             top.annotate(
-                text, (40.0, limit * 1e3), xytext=(-8, 0), textcoords='offset points', color=PAPER, fontsize=8,
-                ha='right', va='center',
+                panel.statement, (40.0, limit * 1e3), xytext=(-8, 0), textcoords='offset points', color=PAPER,
+                fontsize=8, ha='right', va='center',
             )  # fmt: skip
-            bottom.semilogy(x, panel['unknown_std'] * 1e3, 's', mfc='none', color=SECOND, label='α unknown')
-            bottom.semilogy(x, panel['std'] * 1e3, 'o', color=COLORS['A'], label='with α: de-chirped')
-            bottom.semilogy(x, panel['predicted'] * 1e3, color=PREDICTED, linewidth=1.0, label='predicted')
-            top.set_title(panel['title'])
+            bottom.semilogy(x, panel.unknown_std * 1e3, 's', mfc='none', color=SECOND, label='α unknown')
+            bottom.semilogy(x, panel.std * 1e3, 'o', color=COLORS['A'], label='with α: de-chirped')
+            bottom.semilogy(x, panel.predicted * 1e3, color=PREDICTED, linewidth=1.0, label='predicted')
+            top.set_title(panel.title)
             top.set_ylim(-1.2e3 * limit, 1.2e3 * limit)
             bottom.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             bottom.yaxis.set_major_formatter('{x:g}')
@@ -193,28 +237,46 @@ def reference_offsets(panels: Sequence[dict]) -> Figure:
     return figure
 
 
-def temperature(
-    at: np.ndarray, curves: Sequence[tuple[str, np.ndarray, np.ndarray]], limit: float, points: Sequence[dict]
-) -> Figure:
+@dataclasses.dataclass(frozen=True)
+class OscillatorCurve:
+    """How the references of both stations drift, and what it does at 1000 m; arrays (n,)."""
+
+    label: str
+    deviation: np.ndarray  # [1]
+    error: np.ndarray  # of the range [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Marks:
+    """Simulated points of Fig. 9; arrays (n,)."""
+
+    label: str
+    temperature: np.ndarray  # [degC]
+    bias: np.ndarray  # [m]
+    bias_error: np.ndarray  # its standard error [m]
+    filled: bool
+
+
+def temperature(at: np.ndarray, curves: Sequence[OscillatorCurve], limit: float, marks: Sequence[Marks]) -> Figure:
     """Return Fig. 9: drift of the reference oscillators and the range error at 1000 m.
 
     Args:
         at: temperature (n,) [degC].
-        curves: (label, deviation (n,) [1], range error (n,) [m]) of each oscillator model.
+        curves: of the oscillators.
         limit: the paper's largest error [m].
-        points: simulated, each `temperature`, `bias`, `error` [m], `label`.
+        marks: simulated.
     """
     with style():
         figure, axes = _axes(1, 2, 4.2)
         left, right = axes[0]
-        for number, (label, deviation, error) in enumerate(curves):
-            line = {'color': f'C{number}', 'linestyle': '-' if number else '--', 'label': label}
-            left.plot(at, deviation * 5.8e9 * 1e-3, **line)
-            right.plot(at, error * 1e3, **line)
-        for p in points:
+        for number, curve in enumerate(curves):
+            line = {'color': f'C{number}', 'linestyle': '-' if number else '--', 'label': curve.label}
+            left.plot(at, curve.deviation * 5.8e9 * 1e-3, **line)
+            right.plot(at, curve.error * 1e3, **line)
+        for mark in marks:
             right.errorbar(
-                p['temperature'], p['bias'] * 1e3, 3e3 * p['error'], fmt=p['marker'], color='black', capsize=2,
-                markerfacecolor=p['face'], label=p['label'],
+                mark.temperature, mark.bias * 1e3, 3e3 * mark.bias_error, fmt='o' if mark.filled else 's',
+                color='black', capsize=2, markerfacecolor='black' if mark.filled else 'none', label=mark.label,
             )  # fmt: skip
         _paper_band(right, limit * 1e3, 'paper: within ±20 mm')
         left.axvline(25.0, color='0.5', linewidth=0.8)
@@ -232,32 +294,54 @@ def temperature(
     return figure
 
 
-def weather(at: np.ndarray, panels: Sequence[dict], span: tuple[float, float]) -> Figure:
+@dataclasses.dataclass(frozen=True)
+class WeatherBand:
+    """Bounds of the range offset; arrays (n,) [m]."""
+
+    label: str
+    lower: np.ndarray
+    upper: np.ndarray
+    color: str
+    filled: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class WeatherPanel:
+    """Bounds by one version of eq. 23."""
+
+    title: str
+    limits: tuple[float, float]  # of the ordinate [mm]
+    legend: str  # where it stands
+    bands: Sequence[WeatherBand]
+
+
+def weather(at: np.ndarray, panels: Sequence[WeatherPanel], span: tuple[float, float]) -> Figure:
     """Return Fig. 10: bounds of the range offset at 1000 m over the air temperature.
 
     Args:
         at: temperature (n,) [degC].
-        panels: each `title`, `limits` [mm], and `bounds`: (label, lower (n,), upper (n,) [m], color, filled).
+        panels: side by side.
         span: lowest and highest temperature measured [degC].
     """
     with style():
         figure, axes = _axes(1, len(panels), 4.4)
         for axis, panel in zip(axes[0], panels, strict=True):
-            for label, lower, upper, color, filled in panel['bounds']:
-                if filled:
-                    axis.fill_between(at, lower * 1e3, upper * 1e3, color=color, alpha=0.25, linewidth=0, label=label)
+            for band in panel.bands:
+                lower, upper = band.lower * 1e3, band.upper * 1e3
+                if band.filled:
+                    axis.fill_between(at, lower, upper, color=band.color, alpha=0.25, linewidth=0, label=band.label)
                 axis.plot(
-                    at, np.column_stack([lower, upper]) * 1e3, color=color, linestyle='-' if filled else '--',
-                    label=None if filled else [label, '_'],
+                    at, np.column_stack([lower, upper]), color=band.color, linestyle='-' if band.filled else '--',
+                    label=None if band.filled else [band.label, '_'],
                 )  # fmt: skip
             for value in span:
                 axis.axvline(value, color='0.45', linestyle=':', linewidth=1.0)
             _paper_band(axis, 28.0, 'paper: within ±28 mm', below=True)
-            axis.set_title(panel['title'])
+            axis.set_title(panel.title)
             axis.set_xlabel('air temperature [°C]')
             axis.set_xlim(at[0], at[-1])
-            axis.set_ylim(*panel['limits'])
-            axis.legend(loc=panel['legend'])
+            axis.set_ylim(*panel.limits)
+            axis.legend(loc=panel.legend)
         axes[0, 0].set_ylabel('range offset at 1000 m [mm]')
         axes[0, 0].annotate(
             'lowest and highest\nmeasured', (span[0], 0.02), xycoords=('data', 'axes fraction'), xytext=(3, 0),
@@ -266,17 +350,27 @@ def weather(at: np.ndarray, panels: Sequence[dict], span: tuple[float, float]) -
     return figure
 
 
-def distance_sweep(
-    distance: np.ndarray, floors: dict[str, dict], change: float, bias: np.ndarray, bias_error: np.ndarray
-) -> Figure:
+@dataclasses.dataclass(frozen=True)
+class DistanceFloor:
+    """What was found over the distance with one noise floor; arrays (n,) [m]."""
+
+    bias: np.ndarray  # mean range error
+    bias_error: np.ndarray  # its standard error
+    std: np.ndarray
+    std_error: np.ndarray
+    predicted: np.ndarray  # standard deviation with a Hann window
+    bound: np.ndarray  # Cramer-Rao bound
+    synchronised: np.ndarray  # standard deviation of a perfectly synchronised station alone
+    synchronised_predicted: np.ndarray  # with a Hann window
+
+
+def distance_sweep(distance: np.ndarray, floors: Mapping[str, DistanceFloor], change: float) -> Figure:
     """Return Fig. 11: standard deviation over distance, and the range error of the calibrated chain.
 
     Args:
         distance: (n,) [m].
-        floors: per noise floor `std`, `std_error`, `predicted`, `bound`, `synchronised`, `synchronised_predicted` [m].
+        floors: by name of the noise floor.
         change: distance beyond which the long-distance mode is used [m].
-        bias: mean range error with floor B [m].
-        bias_error: its standard error [m].
     """
     with style():
         figure, axes = _axes(2, 1, 8.0, sharex=True, height_ratios=(2, 1))
@@ -284,18 +378,18 @@ def distance_sweep(
         for name, values in floors.items():
             color = COLORS[name]
             top.errorbar(
-                distance, values['std'] * 1e3, 3e3 * values['std_error'], fmt='o', color=color, capsize=2,
+                distance, values.std * 1e3, 3e3 * values.std_error, fmt='o', color=color, capsize=2,
                 label=f'DR-FMCW simulated, floor {name}',
             )  # fmt: skip
-            top.plot(distance, values['predicted'] * 1e3, color=color, label=f'DR-FMCW predicted, floor {name}')
-            top.plot(distance, values['bound'] * 1e3, ':', color=color, label=f'Cramér-Rao bound, floor {name}')
+            top.plot(distance, values.predicted * 1e3, color=color, label=f'Hann window predicted, floor {name}')
+            top.plot(distance, values.bound * 1e3, ':', color=color, label=f'Cramér-Rao bound, floor {name}')
             top.plot(
-                distance, values['synchronised'] * 1e3, 'x', color=color,
+                distance, values.synchronised * 1e3, 'x', color=color,
                 label=f'synchronised station alone, simulated, floor {name}',
             )  # fmt: skip
             top.plot(
-                distance, values['synchronised_predicted'] * 1e3, '--', linewidth=0.9, color=color,
-                label=f'synchronised, predicted, floor {name}',
+                distance, values.synchronised_predicted * 1e3, '--', linewidth=0.9, color=color,
+                label=f'synchronised, Hann predicted, floor {name}',
             )  # fmt: skip
         top.set_yscale('log')
         top.set_ylim(0.06, 40.0)
@@ -304,7 +398,7 @@ def distance_sweep(
         top.set_ylabel('standard deviation of one sweep pair [mm]')
         top.legend(loc='lower right', ncols=2)
         bottom.errorbar(
-            distance, bias * 1e3, 3e3 * bias_error, fmt='o', color=COLORS['B'], capsize=2,
+            distance, floors['B'].bias * 1e3, 3e3 * floors['B'].bias_error, fmt='o', color=COLORS['B'], capsize=2,
             label='mean error, floor B, 3 standard errors',
         )  # fmt: skip
         _paper_band(bottom, 20.0, 'paper: within ±20 mm')
@@ -320,7 +414,11 @@ def distance_sweep(
 
 
 def power(
-    distance: np.ndarray, received: np.ndarray, simulated: Sequence[np.ndarray], floors: dict, limits: Sequence[tuple]
+    distance: np.ndarray,
+    received: np.ndarray,
+    simulated: tuple[np.ndarray, np.ndarray],
+    floors: Mapping[str, tuple[float, float]],
+    limits: Sequence[tuple[float, str]],
 ) -> Figure:
     """Return Fig. 12: received power over distance.
 
