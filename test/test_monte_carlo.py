@@ -80,7 +80,7 @@ def cluster(tmp_path_factory):
     environment = os.environ | {'PYTHONPATH': os.pathsep.join([str(TEST), os.environ.get('PYTHONPATH', '')])}
 
     def start(name, *arguments):
-        command = [str(Path(sys.executable).with_name('dask')), *arguments, '--no-dashboard']
+        command = [sys.executable, '-m', 'dask', *arguments, '--no-dashboard']
         with open(folder / f'{name}.log', 'w') as log:
             return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
 
