@@ -104,7 +104,7 @@ class MaximumLikelihoodEstimator(Estimator):
         baseband = self.carrier(coarse) * record
         parts = baseband.view(np.float32).reshape(len(record), self._count, 2)
         moments = np.matmul(self._powers, parts).view(np.complex64)[..., 0].astype(complex)
-        return moments / self._count, record.mean(axis=1, dtype=complex)
+        return moments / self._count, record.astype(np.result_type(record, float)).mean(axis=1)
 
     def carrier(self, coarse: np.ndarray) -> np.ndarray:
         """Return exp(-j psi) of the samples within the window, complex64 (B, N); phase 0 at the window's centre.

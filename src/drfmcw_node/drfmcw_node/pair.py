@@ -148,7 +148,7 @@ class PairEstimator:
         combined += chirp * self._late  # the second station's blocks come later by part of a sample
         one, two = models
         turns = two.frequency * self._late + 0.5 * self._sign * chirp * self._late**2
-        value *= np.exp(2j * np.pi * self._sign * turns)
+        value = value * np.exp(2j * np.pi * self._sign * turns)  # in place, a single row would round differently
         error = 0.5 * (combined - (one.frequency - self._sign * two.frequency))
         single = one.amplitude * (two.amplitude.conj() if self._sign > 0 else two.amplitude)
         slip = 0.5 * np.angle(value * single.conj())
@@ -171,7 +171,7 @@ class PairEstimator:
         blocks = self._products(lines)[1]  # twice that chirp
         lag = blocks.shape[1] // 2
         beat = blocks[:, lag:] * blocks[:, :-lag].conj()
-        step = (beat[:, 1:] * beat[:, :-1].conj()).sum(axis=1, dtype=complex)
+        step = (beat[:, 1:] * beat[:, :-1].conj()).astype(complex).sum(axis=1)
         return np.angle(step) / (4.0 * np.pi * lag * self._size**2)
 
     def _fit(self, lines: Sequence[np.ndarray], chirp: np.ndarray) -> list['_Line']:
@@ -231,7 +231,7 @@ def _tone(blocks: np.ndarray, time: np.ndarray, size: int) -> tuple[np.ndarray, 
     frequency = scipy.fft.fftfreq(length, size)[peak]
     for step in range(_STEPS + 1):
         still = blocks * _rotation(-frequency, time)
-        value = still.mean(axis=1, dtype=complex)
+        value = still.astype(complex).mean(axis=1)  # a mean that converts depends on the rows around
         if step < _STEPS:
             slope = (still * time).mean(axis=1) / np.where(value == 0.0, TINY, value)
             frequency = frequency + slope.imag / (2.0 * np.pi * time.var())

@@ -13,6 +13,7 @@ from drfmcw_fusion.pipeline import RangeFusion, RangeResult
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_node.estimation import Estimates, EstimatorSettings
 from drfmcw_node.estimators import estimator as make_estimator
+from drfmcw_node.pair import pair_estimator
 from drfmcw_node.processing import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -116,7 +117,18 @@ def conditions(scenario: Scenario, sweeps: range, mode: Mode, start_delay: float
 def station_estimates(
     scenario: Scenario, m: Measurements, samples: Sequence[np.ndarray], settings: EstimatorSettings
 ) -> tuple[Estimates, ...]:
-    """Return what each station alone estimates from its samples, its calibration and its peer's known."""
+    """Return what each station estimates, alone or with its peer as set; both calibrations are known."""
+    if settings.estimator == 'pair' and len(m.stations) == 2:
+        first, second = m.stations
+        pair = pair_estimator(
+            first.sweep,
+            second.sweep,
+            settings,
+            first.iq,
+            scenario.calibration(first.name),
+            scenario.calibration(second.name),
+        )
+        return pair(*samples, (first.full_scale, second.full_scale))
     return tuple(
         make_estimator(
             station.sweep,
@@ -148,7 +160,16 @@ def _ranges(
         columns = [getattr(result, name).tolist() for name in _SHARED_FIELDS]
         beats.append(
             [
-                Beat(sweep.station, sweep.peer, sweep_id, *values, stamp + late, sweep.frame_id, independent, result.window)
+                Beat(
+                    sweep.station,
+                    sweep.peer,
+                    sweep_id,
+                    *values,
+                    stamp + late,
+                    sweep.frame_id,
+                    independent,
+                    result.window,
+                )
                 for sweep_id, stamp, independent, values in zip(
                     m.sweep_id.tolist(),
                     stamps,
