@@ -6,6 +6,8 @@ import json
 import sys
 from collections.abc import Sequence
 
+from accuracy import bench_accuracy
+from estimation import bench_estimation
 from figures import Figure
 from graph import bench_graph
 from rich.console import Console
@@ -14,7 +16,12 @@ from simulation import bench_simulation
 
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
-BENCHMARKS = {'simulation': bench_simulation, 'graph': bench_graph}
+BENCHMARKS = {
+    'simulation': bench_simulation,
+    'estimation': bench_estimation,
+    'accuracy': bench_accuracy,
+    'graph': bench_graph,
+}
 
 
 def main() -> int:

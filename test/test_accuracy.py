@@ -49,6 +49,7 @@ def test_bound_is_met_without_bias(cell, name):
     assert abs(result.bias) <= 0.1 * result.std and abs(result.bias) <= 0.3e-3 + 4 * result.std / math.sqrt(2000)
     assert abs(result.chi_square - 1.0) <= 0.05 + 0.12
     assert result.std >= result.bound * 0.93
+    assert 0.93 < result.carrier_std / result.carrier_bound < 1.12
 
 
 @given(

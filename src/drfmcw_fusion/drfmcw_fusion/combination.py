@@ -8,7 +8,7 @@ from drfmcw_node.processing import Beat
 from drfmcw_physics import bounds
 from drfmcw_physics.oscillators import Calibration, delay_from_beat_sum
 from drfmcw_physics.phase_noise import PhaseNoise
-from drfmcw_physics.sweep import SweepSettings
+from drfmcw_physics.sweep import SweepSettings, beat_frequency
 
 _DELAY_GRID = 1e-9  # phase noise through the combination is smooth in the delay: one value per nanosecond [s]
 
@@ -66,7 +66,7 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
         uncorrected=uncorrected,
         delay=delay,
         std=_delay_std(first, second, delay),
-        carrier_phase=_carrier_phase(first, second),
+        carrier_phase=_carrier_phase(first, second, delay),
         center_time=center,
         center_frequency=sweep.start_frequency + k * center,
     )
@@ -94,14 +94,29 @@ def own_path(station: Station, alpha_correction: bool = True) -> PathDelay:
     )
 
 
-def _carrier_phase(first: Station, second: Station) -> float:
+def _carrier_phase(first: Station, second: Station, delay: float) -> float:
     """Return phi_IF,1 - phi_IF,2 at the same absolute time, in which the oscillators' phases and T_off cancel [rad].
 
-    Both phases are reported at the centre of the station's own sweep; station 2's lies T_off later.
+    Both phases are reported at the centre of the station's own sweep; station 2's lies T_off later. The true T_off
+    differs from the nominal one by nanoseconds from sweep to sweep, which would be 0.03 mm of range; the frequencies
+    tell it to some picoseconds.
     """
     s1, s2 = first.sweep.line_sign(), second.sweep.line_sign()
-    late = 2.0 * math.pi * second.beat.frequency * first.sweep.start_delay
-    return s1 * first.beat.phase - s2 * (second.beat.phase - late)
+    k, start_delay = first.sweep.chirp_rate, first.sweep.start_delay
+    excess = _start_delay_excess(first, second, delay)
+    late = 2.0 * math.pi * second.beat.frequency * (start_delay + excess)
+    # [phi_1(t) - phi_1(t - tau)] + [phi_2(t - T_off) - phi_2(t - T_off - tau)]: the second interval's chirp is earlier
+    return s1 * first.beat.phase - s2 * (second.beat.phase - late) + 2.0 * math.pi * k * excess * delay
+
+
+def _start_delay_excess(first: Station, second: Station, delay: float) -> float:
+    """Return by how much the true T_off exceeds the nominal one in this sweep [s]; 2 k T_off is in f_1 +- f_2."""
+    sign = first.sweep.line_sign() * second.sweep.line_sign()
+    a1, a2 = first.calibration.alpha, second.calibration.alpha
+    measured = first.calibration.sample_clock_alpha * first.beat.frequency
+    measured += sign * second.calibration.sample_clock_alpha * second.beat.frequency
+    expected = beat_frequency(first.sweep, delay, a1, a2) + sign * beat_frequency(second.sweep, delay, a2, a1)
+    return (measured - expected) / (2.0 * abs(first.sweep.chirp_rate) * a2**2)
 
 
 def _delay_std(first: Station, second: Station, delay: float) -> float:

@@ -31,7 +31,6 @@ WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall',
 TINY = 1e-30
 """Squared magnitude that stands for none at all [LSB^2]."""
 
-_CHUNK = 1 << 16  # samples worked on at once: their temporaries stay in the cache
 _DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
@@ -132,6 +131,9 @@ class Estimator:
     own_weighting: ClassVar[str] = ''
     """Window by which the estimate weighs the samples, where that is not the window of the search."""
 
+    chunk: ClassVar[int] = 1 << 18
+    """Samples worked on at once: many, to share the overhead of calls, few enough for their temporaries in the cache."""
+
     def __init__(
         self,
         sweep: SweepSettings,
@@ -207,7 +209,7 @@ class Estimator:
             spectrum: mask (B,) of the sweeps whose magnitude spectra are wanted; None for no spectra.
         """
         full_scale = np.broadcast_to(np.asarray(full_scale, float), len(samples))
-        rows = max(_CHUNK // self.sweep.sample_count, 1)
+        rows = max(self.chunk // self.sweep.sample_count, 1)
         parts = []
         for i in range(0, len(samples), rows):
             chunk = slice(i, i + rows)

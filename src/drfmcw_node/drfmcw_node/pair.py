@@ -21,7 +21,7 @@ from drfmcw_physics.sweep import Role, SweepSettings
 from .estimation import TINY, Estimates, EstimatorSettings, Sweeps
 from .maximum_likelihood import FINE, MaximumLikelihoodEstimator
 
-_CHUNK = 1 << 16  # samples of one station worked on at once: the temporaries of both stay in the cache
+_CHUNK = 1 << 17  # samples of one station worked on at once: the temporaries of both stay in the cache
 _BLOCKS = range(24, 41)  # lengths of a block that are tried [samples]
 _PADDING = 4  # of the transform in which a tone is searched
 _STEPS = 2  # of Newton's method

@@ -9,6 +9,8 @@ from .spectral import ChirpZ, parabola_value, parabola_vertex
 class PaperEstimator(Estimator):
     """The paper's on-board engine (section III): FFT, chirp-z zoom, parabola through the log magnitude."""
 
+    chunk = 1 << 16  # the zoom's temporaries are eight times as large as the others'
+
     def __init__(self, *args, **kwargs) -> None:
         """Prepare the chirp-z transform; arguments as for `Estimator`."""
         super().__init__(*args, **kwargs)

@@ -160,8 +160,7 @@ def residual_chirp(sweep: SweepSettings, alpha_own: float, alpha_peer: float) ->
 
 def largest_delay(sweep: SweepSettings) -> float:
     """Return the delay at which station 1's line reaches the Nyquist frequency, equal references [s]."""
-    delay = sweep.sample_rate / 2 / abs(sweep.chirp_rate)
-    return delay - sweep.start_delay if sweep.mode == Mode.SHORT_DISTANCE else delay
+    return sweep.sample_rate / 2 / abs(sweep.chirp_rate) - sweep.start_delay
 
 
 def largest_range(sweep: SweepSettings, velocity: float) -> float:

@@ -40,6 +40,8 @@ class Accuracy:
     bias: float  # mean range error [m]
     chi_square: float  # mean squared error over reported variance [1]
     bound: float  # smallest standard deviation an unbiased estimator can have [m]
+    carrier_std: float  # of the range by both stations' carrier phases, its ambiguity known [m]
+    carrier_bound: float  # smallest possible one [m]
     flagged: float  # share of ranges with a flag [1]
 
 
@@ -89,8 +91,11 @@ class Cell:
         inside = all(margin <= f <= band - margin for f in (one, two))
         return (one, two) if usual and inside else None
 
-    def bound(self) -> float:
-        """Return the smallest standard deviation of the range [m]; quantisation counts as additive noise."""
+    def bound(self) -> tuple[float, float]:
+        """Return the smallest standard deviation of the range by beat frequencies and by carrier phases [m].
+
+        Quantisation counts as additive noise.
+        """
         scenario = self.scenario()
         m = conditions(scenario, range(1), self.mode)
         sweep, delay = m.stations[0].sweep, self._delay(scenario)
@@ -102,7 +107,9 @@ class Cell:
             lines.append(LineNoise(carrier_to_noise, frequency, sweep.sample_rate))
         duration = sweep.ramp_duration - max(sweep.start_delay + delay, 0.0)
         best = coloured_bound(tuple(lines), (_PHASE_NOISE, _PHASE_NOISE), duration, delay)
-        return best.frequency / (2.0 * sweep.chirp_rate) * SPEED_OF_LIGHT / self._index(scenario)
+        velocity = SPEED_OF_LIGHT / self._index(scenario)
+        by_phase = best.phase / (4.0 * math.pi * sweep.center_frequency) * velocity
+        return best.frequency / (2.0 * sweep.chirp_rate) * velocity, by_phase
 
     def measure(self, estimator: str, sweeps: range) -> Accuracy:
         """Return what an estimator makes of simulated sweeps.
@@ -111,14 +118,22 @@ class Cell:
             estimator: name, as `EstimatorSettings.estimator`.
             sweeps: sweep numbers.
         """
-        trials = measure(self.scenario(), sweeps, mode=self.mode, estimator=EstimatorSettings(estimator=estimator))
+        scenario = self.scenario()
+        trials = measure(scenario, sweeps, mode=self.mode, estimator=EstimatorSettings(estimator=estimator))
         error = trials.error
+        phase = trials.carrier_phase - trials.carrier_phase[0]
+        turned = np.angle(np.exp(1j * (phase - np.angle(np.exp(1j * phase).mean()))))
+        bound, carrier_bound = self.bound()
+        center_frequency = conditions(scenario, range(1), self.mode).stations[0].sweep.center_frequency
+        half_wave = SPEED_OF_LIGHT / self._index(scenario) / (2.0 * center_frequency)
         return Accuracy(
             trials=len(error),
             std=float(error.std(ddof=1)),
             bias=float(error.mean()),
             chi_square=float(np.mean((error / trials.range_std) ** 2)),
-            bound=self.bound(),
+            bound=bound,
+            carrier_std=float(turned.std(ddof=1)) / (2.0 * math.pi) * half_wave,
+            carrier_bound=carrier_bound,
             flagged=float(np.mean(trials.flags != 0)),
         )
 
