@@ -22,7 +22,7 @@ class Figure:
         """Whether the goal is met, None where there is none."""
         if self.goal is None:
             return None
-        return self.value <= self.goal if self.relation == '<=' else self.value >= self.goal
+        return bool(self.value <= self.goal if self.relation == '<=' else self.value >= self.goal)
 
     def as_object(self) -> dict[str, Any]:
         """Return a JSON-ready object."""

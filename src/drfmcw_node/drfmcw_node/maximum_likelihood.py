@@ -7,7 +7,7 @@ Model of a sweep in the analysis window, t counted from its centre:
 a quadrature sweep has no second term. The errors are white: additive noise, and the oscillators' noise around the
 mirror line, which is flat over the few kHz that matter. The oscillators' noise around the line itself passes the
 combination of both stations through 4 sin^2(pi f tau) and is then so small that weighing by its covariance would gain
-less than 0.3 % at Table 1 up to 1 km (`test_white_weights_lose_nothing` in test/test_physics.py).
+less than 0.3 % at Table 1 up to 1 km (`test_white_weights_lose_almost_nothing`).
 
 With white errors, maximum likelihood is least squares. At its solution the derivative's residual vanishes,
 

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.fft import dct
+from scipy.integrate import trapezoid
 from scipy.linalg import solve_toeplitz
 from scipy.signal import get_window
+from scipy.special import i0e
 
 from .phase_noise import PhaseNoise, combination_gain
 
@@ -92,6 +94,22 @@ def image_noise_ratio(noise: PhaseNoise, frequency, duration: float, sample_rate
     """
     offset = np.minimum(2.0 * frequency, sample_rate - 2.0 * frequency)
     return noise.single_sideband(offset) / duration
+
+
+def outlier_probability(snr: float, bins: int) -> float:
+    """Return how often the strongest of orthogonal bins is not the line's (Rife and Boorstyn 1974, section IV).
+
+    The chance that one of the others, of exponentially distributed power, exceeds the line's bin, of Rician amplitude;
+    below about 15 dB it grows so steeply that it is called the threshold of maximum likelihood.
+
+    Args:
+        snr: line power over noise power in a bin [1].
+        bins: searched, the line's own among them.
+    """
+    power = np.linspace(0.0, (np.sqrt(snr) + 8.0) ** 2, 20001)  # of the line's bin over the noise's
+    density = np.exp(-((np.sqrt(power) - np.sqrt(snr)) ** 2)) * i0e(2.0 * np.sqrt(snr * power))
+    missed = -np.expm1((bins - 1) * np.log1p(-np.exp(-power[1:])))
+    return float(trapezoid(density * np.concatenate([[1.0], missed]), power))
 
 
 @dataclasses.dataclass(frozen=True)

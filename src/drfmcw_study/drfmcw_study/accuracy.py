@@ -147,7 +147,11 @@ class Cell:
 
 def grid() -> Iterator[Cell]:
     """Yield all cells whose lines lie within the band."""
-    for floor, distance, mode, difference in itertools.product(FLOORS, DISTANCES, Mode, DIFFERENCES):
-        cell = Cell(floor, distance, mode, difference)
-        if cell.lines() is not None:
-            yield cell
+    cells = (Cell(*values) for values in itertools.product(FLOORS, DISTANCES, Mode, DIFFERENCES))
+    return (cell for cell in cells if cell.lines() is not None)
+
+
+def left_out() -> list[str]:
+    """Return the names of the conditions that `grid` leaves out at any noise floor."""
+    cells = (Cell('A', *values) for values in itertools.product(DISTANCES, Mode, DIFFERENCES))
+    return [str(cell)[2:] for cell in cells if cell.lines() is None]
