@@ -316,8 +316,10 @@ class Estimator:
     @staticmethod
     def _without_mean(samples: np.ndarray) -> np.ndarray:
         """Return sweeps (B, N) or (B, N, 2) as float32 less their mean; it would leak into the search range."""
-        # integer sums are exact, whatever their order
-        mean = samples.sum(axis=1, dtype=np.int64) / samples.shape[1]
+        if samples.dtype.kind == 'i':  # integer sums are exact, whatever their order
+            mean = samples.sum(axis=1, dtype=np.int64) / samples.shape[1]
+        else:  # a model's samples before the ADC
+            mean = samples.mean(axis=1)
         record = samples.astype(np.float32)
         record -= mean[:, None].astype(np.float32)
         return record

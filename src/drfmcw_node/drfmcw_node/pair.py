@@ -22,10 +22,23 @@ from .estimation import TINY, Estimates, EstimatorSettings, Sweeps
 from .maximum_likelihood import FINE, MaximumLikelihoodEstimator
 
 _CHUNK = 1 << 17  # samples of one station worked on at once: the temporaries of both stay in the cache
-_BLOCKS = range(24, 41)  # lengths of a block that are tried [samples]
+BLOCKS = range(24, 41)
+"""Lengths of a block that are tried [samples]."""
+
 _PADDING = 4  # of the transform in which a tone is searched
 _STEPS = 2  # of Newton's method
 _ROUNDS = 3  # of mirror line and constant against a line whose chirp is not known
+
+
+@dataclasses.dataclass(frozen=True)
+class Basebands:
+    """Both stations' lines in blocks of a sweep, demodulated; one entry per station."""
+
+    lines: tuple[np.ndarray, ...]  # (B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, at the block's centre
+    frequency: tuple[np.ndarray, ...]  # of the demodulation (B,) [Hz]
+    time: tuple[np.ndarray, ...]  # of the blocks (K,), since the station's own sweep start [s]
+    power: tuple[np.ndarray, ...]  # squared magnitude of the Hann-windowed sweep's bins (B, bins)
+    mean: tuple[np.ndarray, ...]  # of the samples (B,) [LSB]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +82,7 @@ class PairEstimator:
         iq: bool = False,
         first_calibration: Calibration | None = None,
         second_calibration: Calibration | None = None,
+        blocks: range = BLOCKS,
     ) -> None:
         """Prepare everything that does not depend on the samples.
 
@@ -79,6 +93,7 @@ class PairEstimator:
             iq: quadrature samples.
             first_calibration: None where unknown; the residual chirp is then estimated.
             second_calibration: None where unknown.
+            blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
 
         Raises:
             ConfigurationError: the stations do not sweep alike, or leave no frequency to search.
@@ -98,7 +113,7 @@ class PairEstimator:
         )
         self._sign = first.line_sign() * second.line_sign()
         count = min(s.samples.stop - s.samples.start for s in self.stations)
-        self._size = min(_BLOCKS, key=lambda n: (count % n, -n))
+        self._size = min(blocks, key=lambda n: (count % n, -n))
         self._count = count // self._size * self._size  # samples of each station that blocks cover
         index = (self._size - 1) / 2 + self._size * np.arange(count // self._size)
         # of the blocks, each station's counted from the centre of its own window [samples]
@@ -136,14 +151,7 @@ class PairEstimator:
 
     def _refine(self, *found: Sweeps) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,)."""
-        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
-        records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
-        lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
-        models = self._fit(lines, chirp if self._calibrated else self._chirp(lines))
-        for _ in range(1 if self._calibrated else _ROUNDS):
-            lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
-            chirp = self._chirp(lines)
-            models = self._fit(lines, chirp)
+        coarse, lines, chirp, models = self._resolve(found)
         combined, value = _tone(self._products(lines)[0], self._time[0], self._size)
         combined += chirp * self._late  # the second station's blocks come later by part of a sample
         one, two = models
@@ -160,6 +168,37 @@ class PairEstimator:
             amplitude = model.amplitude * np.exp(1j * share * slip) / loss
             results.append((at / FINE + frequency * station.length, amplitude * station.window_sum))
         return results
+
+    def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray, list['_Line']]:
+        """Return coarse frequencies, blocks free of leakage, residual chirp and lines, by station but for the chirp."""
+        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
+        records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
+        lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
+        models = self._fit(lines, chirp if self._calibrated else self._chirp(lines))
+        for _ in range(1 if self._calibrated else _ROUNDS):
+            lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
+            chirp = self._chirp(lines)
+            models = self._fit(lines, chirp)
+        return coarse, lines, chirp, models
+
+    def basebands(self, first: np.ndarray, second: np.ndarray) -> 'Basebands':
+        """Return both lines over the time in the sweep.
+
+        Args:
+            first: samples (B, sample_count) of the first station, int16 or float, or (B, 2 sample_count) I, Q, ...
+            second: of the second station, the same sweeps.
+        """
+        found = [s.search(x) for s, x in zip(self.stations, (first, second), strict=True)]
+        coarse, lines, _, _ = self._resolve(found)
+        return Basebands(
+            lines=tuple(lines),
+            frequency=tuple(
+                c * (s.sweep.sample_rate / s.length / FINE) for c, s in zip(coarse, self.stations, strict=True)
+            ),
+            time=tuple((t + s.origin) / s.sweep.sample_rate for t, s in zip(self._time, self.stations, strict=True)),
+            power=tuple(f.power for f in found),
+            mean=tuple(np.asarray(x, float).mean(axis=1) for x in (first, second)),
+        )
 
     def _products(self, lines: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the product in which what both lines share cancels, and the one that has it twice, (B, K) each."""
