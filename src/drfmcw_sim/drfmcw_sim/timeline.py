@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 
 from drfmcw_physics.air import refractive_index
-from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_physics.link_budget import free_space_loss
 from drfmcw_physics.mode import choose_mode
-from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import Mode, SweepSettings
 
+from .nominal import link_budget, nominal_measurements
 from .random_streams import Purpose, stream
-from .scenario import PairSettings, Scenario
-from .signal_model import Measurements, Path, Station, synthesise
+from .scenario import Scenario
+from .signal_model import Measurements, synthesise
 from .trajectory import Drive
 
 NANOSECONDS = 1_000_000_000
@@ -251,51 +249,32 @@ class Timeline:
         s = self.scenario
         settings = s.pairs[pair]
         slots = slots[slots.pair == pair]
-        n, time = len(slots), slots.time
         sweeps = self.sweep_settings(pair)
-        index = refractive_index(
-            s.weather.temperature.at(time), s.weather.pressure.at(time), s.weather.humidity.at(time)
+        stations = [s.stations[sweep.station] for sweep in sweeps]
+        powers = []
+        for sweep, peer in zip(sweeps, reversed(sweeps), strict=True):
+            power = link_budget(sweep, peer, slots.distance)
+            if not math.isnan(settings.path_loss):
+                power = np.full(len(slots), peer.tx_eirp + sweep.rx_antenna_gain - settings.path_loss)
+            powers.append(power)
+        time = slots.time
+        nominal = nominal_measurements(
+            sweeps,
+            [s.calibration(sweep.station) for sweep in sweeps],
+            powers,
+            [station.board_temperature.at(time) for station in stations],
+            [float(1 << (station.adc_bits - 1)) for station in stations],
+            s.waveform.iq,
+            slots.sweep_id,
+            time,
+            slots.distance,
+            slots.velocity,
+            slots.acceleration,
+            refractive_index(s.weather.temperature.at(time), s.weather.pressure.at(time), s.weather.humidity.at(time)),
+            settings.trajectory.setting((slots.sweep_id - self._first_sweep_id) // len(s.pairs)),
         )
-        slowness = index / SPEED_OF_LIGHT
-        hardware = sum(s.stations[sweep.station].delay for sweep in sweeps)
-        direct = Path(
-            hardware + slots.distance * slowness, slots.velocity * slowness, slots.acceleration * slowness, np.ones(n)
-        )
-        stations = tuple(self._station(sweep, s.stations[sweep.peer].tx_eirp, settings, slots) for sweep in sweeps)
-        return Measurements(
-            stations=stations,
-            sweep_id=slots.sweep_id,
-            time=time,
-            range=slots.distance,
-            velocity=slots.velocity,
-            start_delay=np.full(n, sweeps[0].start_delay),
-            initial_phase=np.zeros((len(stations), n)),
-            paths=[direct],
-            start_delay_jitter=s.timing.start_delay_jitter,
-            amplitude_scatter=s.timing.amplitude_scatter,
-            refractive_index=index,
-            setting=settings.trajectory.setting((slots.sweep_id - self._first_sweep_id) // len(s.pairs)),
-        )
-
-    def _station(self, sweep: SweepSettings, peer_eirp: float, pair: PairSettings, slots: Slots) -> Station:
-        settings = self.scenario.stations[sweep.station]
-        calibration = self.scenario.calibration(sweep.station)
-        n = len(slots)
-        loss = np.full(n, pair.path_loss)
-        if math.isnan(pair.path_loss):
-            loss = free_space_loss(np.maximum(slots.distance, 0.1), sweep.center_frequency)
-        noise = PhaseNoise(settings.phase_noise_level, settings.phase_noise_corner)
-        return Station(
-            sweep=sweep,
-            alpha=np.full(n, calibration.alpha),
-            sample_clock=np.full(n, calibration.sample_clock_alpha),
-            received_power=peer_eirp + settings.rx_antenna_gain - loss,
-            noise_density=np.full(n, settings.noise_floor),
-            phase_noise=noise if noise.known else None,
-            temperature=settings.board_temperature.at(slots.time),
-            calibration_temperature=settings.calibration_temperature,
-            full_scale=float(1 << (settings.adc_bits - 1)),
-            iq=self.scenario.waveform.iq,
+        return dataclasses.replace(
+            nominal, start_delay_jitter=s.timing.start_delay_jitter, amplitude_scatter=s.timing.amplitude_scatter
         )
 
     def render(self, slots: Slots) -> list[Event]:
