@@ -38,3 +38,7 @@ class History(Generic[T]):
     def latest(self) -> T | None:
         """Return the newest value, None where there is none."""
         return self._values[-1] if self._values else None
+
+    def first(self) -> T | None:
+        """Return the oldest value kept, None where there is none."""
+        return self._values[0] if self._values else None
