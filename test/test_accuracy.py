@@ -169,13 +169,17 @@ def test_sweeps_find_their_partner_whatever_the_order():
 
 
 def test_sweep_without_partner_is_evaluated_alone():
-    """After a second, or at the end; by maximum likelihood, and none is lost."""
+    """Once it has waited from one give_up to the next, or at the end; by maximum likelihood, and none is lost."""
     scenario, m, samples = simulated((1.0, 1.0), count=80)
     sweeps = [s for s in sweeps_of(m, samples) if s.station == 'master' or s.sweep_id >= 60]
     processor = prepared(PairProcessor, scenario, m)
-    beats = [b for s in sweeps for b in processor.process([s])]
-    lonely = [b for b in beats if b.sweep_id < 20]
-    assert len(lonely) == 20
-    assert lonely == prepared(StationProcessor, scenario, m).process([s for s in sweeps if s.sweep_id < 20])
-    assert len(beats) + len(processor.finish()) == len(sweeps) == 100
-    assert all(b.flags == Flag.VALID for b in beats)
+    assert processor.process(sweeps[:20]) == processor.give_up() == []
+    beats = processor.process(sweeps[20:])
+    assert [b.sweep_id for b in beats] == [n for n in range(60, 80) for _ in range(2)]
+    lonely = processor.give_up()
+    assert lonely == prepared(StationProcessor, scenario, m).process(sweeps[:20])
+    last = processor.finish()
+    assert [b.sweep_id for b in last] == list(range(20, 60))
+    assert processor.give_up() == []
+    assert (processor.pairs, processor.unpaired, processor.waiting) == (20, 60, 0)
+    assert all(b.flags == Flag.VALID for b in [*beats, *lonely, *last])

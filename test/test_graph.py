@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import os
 import re
@@ -16,20 +17,32 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from drfmcw_msgs.msg import ReferenceRange
+from drfmcw_msgs.msg import BeatFrequency, IfSamples, ReferenceRange
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from scenes import mapping
 
-from drfmcw_bringup.graph import FUSION, RECORDER, REPLAY, SIMULATOR, STATION, Graph, parameters, private_environment
+from drfmcw_bringup.graph import (
+    FUSION,
+    PAIR_STATION,
+    RECORDER,
+    REPLAY,
+    SIMULATOR,
+    STATION,
+    Graph,
+    parameters,
+    private_environment,
+)
 from drfmcw_bringup.monitor import RangeMonitor, monitored
-from drfmcw_bringup.run import pair_names, start_graph
+from drfmcw_bringup.run import pair_names, start_graph, start_nodes
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.statistics import reference_at
 from drfmcw_fusion.verification import compare
+from drfmcw_node.processing import Sweep
 from drfmcw_ros import qos
-from drfmcw_ros.messages import stamp_ns
+from drfmcw_ros.bag import BagReader
+from drfmcw_ros.messages import from_message, stamp_ns, to_message
 from drfmcw_sim.scenario import read_scenario
 
 pytestmark = pytest.mark.graph
@@ -204,11 +217,10 @@ def test_mode_follows_the_distance(recorded_drive):
     assert live.log('fusion').count('mode asked for') == 1
 
 
-def test_recording_replays_bit_by_bit(recorded_drive):
-    """Every range of the live graph is computed again to the last bit, and no other."""
-    _, _, recording, sweeps = recorded_drive
+def assert_replays(recording: Path, sweeps: int, *options: str) -> None:
+    """Every range of the recording is computed again to the last bit, and no other, in both modes."""
     ended = subprocess.run(
-        [sys.executable, '-m', REPLAY, str(recording), '--verify', '--json', '-'],
+        [sys.executable, '-m', REPLAY, str(recording), '--verify', '--json', '-', *options],
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip
     said = ' '.join(ended.stderr.split())
@@ -216,6 +228,11 @@ def test_recording_replays_bit_by_bit(recorded_drive):
     assert expected in said
     assert ended.returncode == 0
     assert {row['mode'] for row in json.loads(ended.stdout)} == {'SD', 'LD'}
+
+
+def test_recording_replays_bit_by_bit(recorded_drive):
+    _, _, recording, sweeps = recorded_drive
+    assert_replays(recording, sweeps)
 
 
 def test_every_node_reports_diagnostics(recorded_drive):
@@ -230,6 +247,92 @@ def test_every_node_reports_diagnostics(recorded_drive):
     }  # fmt: skip
     assert wanted <= found
     assert live.value('station: Sweeps', 'dropped') == '0'
+
+
+# --- both stations evaluated together ---
+
+PACKED = '/slave/if_samples_compressed'
+
+
+@pytest.fixture(scope='class')
+def joint_drive(tmp_path_factory):
+    """A drive with one station's sweeps raw, the other's compressed, at full speed; (site, recording, sweeps).
+
+    It crosses the limit between the modes. The recording has ended; all but recorder and simulator still run.
+    """
+    directory = tmp_path_factory.mktemp('joint')
+    path = scenario_file(
+        directory,
+        {'drive': {'waypoints': [645, 667], 'speed': 4.0, 'acceleration': 0.3, 'dwell': 1.0}},
+        alphas=(1.000006, 0.999991),
+        timing={'sweep_interval': 0.05},
+    )
+    recording = directory / 'recording'
+    with site(directory) as live:
+        start_nodes(live.graph, read_scenario(path), recording, estimator='pair')
+        matched = [  # each topic on its own: what is sent before is lost
+            ('pair_station: Source', f'publishers of {PACKED}', 1),
+            ('pair_station: Sweeps', 'subscribers of /master/beat_frequency', 2),  # fusion and recorder
+            ('pair_station: Sweeps', 'subscribers of /slave/beat_frequency', 2),
+            ('station: Sweeps', f'subscribers of {PACKED}', 2),  # the pair's node and recorder
+        ]
+        for name, key, count in matched:
+            live.wait(lambda n=name, k=key, c=count: live.value(n, k) == str(c), f'{count} {key}')
+        live.wait(lambda: live.monitor.wait_for_publishers(1.0), 'the fusion to be heard')
+        simulator = {'scenario': path, 'pace': 'subscribers', 'start': 'scenario', 'window': 20, 'listeners': 2}
+        live.graph.start('simulator', SIMULATOR, *parameters(simulator))
+        assert live.wait_for_end('simulator') == 0, live.logs()
+        sweeps = int(re.search(r'scenario ended after (\d+) sweeps', live.log('simulator'))[1])
+        live.wait(lambda: live.monitor.total >= sweeps, f'{sweeps} ranges')
+        written = ('recorder: Recording', '/master/slave/range')
+        live.wait(lambda: live.value(*written) == str(sweeps), f'{sweeps} ranges in the recording')
+        live.graph.stop('recorder')
+        yield live, recording, sweeps
+
+
+class TestJointDrive:
+    """A pair's node in place of both stations'."""
+
+    def test_every_sweep_yields_one_range(self, joint_drive):
+        live, recording, sweeps = joint_drive
+        assert sweeps > 200
+        assert [a.sweep_id for a in live.monitor.arrivals] == list(range(sweeps))
+        assert np.mean([a.message.flags == 0 for a in live.monitor.arrivals]) > 0.9, 'few are in doubt'
+        with BagReader(str(recording)) as bag:
+            beats = {t: sum(1 for _ in bag.messages({t})) for t in bag.topics if t.endswith('/beat_frequency')}
+        assert beats == {'/master/beat_frequency': sweeps, '/slave/beat_frequency': sweeps}, (
+            "none from the slave's own node"
+        )
+
+    def test_recording_replays_bit_by_bit(self, joint_drive):
+        _, recording, sweeps = joint_drive
+        assert_replays(recording, sweeps, '--estimator', 'pair')
+
+    def test_sweep_without_partner_is_not_kept_waiting(self, joint_drive):
+        """When nothing else comes either, it still gives its beat frequency; until then none was without partner."""
+        live, recording, sweeps = joint_drive
+        live.wait(lambda: live.value('pair_station: Pairs', 'pairs') == str(sweeps), 'the count of pairs')
+        assert live.value('pair_station: Pairs', 'sweeps without partner') == '0'
+        assert live.value('pair_station: Sweeps', 'dropped') == '0'
+        beats: list[BeatFrequency] = []
+        subscription = live.monitor.create_subscription(
+            BeatFrequency, '/master/beat_frequency', beats.append, qos.RELIABLE
+        )
+        sender = live.monitor.create_publisher(IfSamples, '/master/if_samples', qos.RELIABLE)
+        live.wait(lambda: subscription.get_publisher_count() and sender.get_subscription_count(), "the pair's node")
+        with BagReader(str(recording)) as bag:
+            *_, (_, _, last) = bag.messages({'/master/if_samples'})
+        last = from_message(last, Sweep)
+        numbers = itertools.count(sweeps)
+
+        def answered() -> bool:
+            """Send another one: what was sent before the other side found this one too is lost."""
+            sender.publish(to_message(dataclasses.replace(last, sweep_id=next(numbers)), IfSamples))
+            time.sleep(0.1)
+            return any(b.sweep_id >= sweeps for b in list(beats))
+
+        live.wait(answered, 'the beat frequency of a sweep without partner')
+        live.wait(lambda: live.value('pair_station: Pairs', 'sweeps without partner') != '0', 'the count of those')
 
 
 # --- a graph that runs on ---
@@ -421,6 +524,23 @@ def test_signal_ends_every_process_cleanly(tmp_path, number):
         (STATION, ['--station', 'master', '--config', '/nowhere.yaml'], '/nowhere.yaml: No such file or directory'),
         (STATION, ['--station', 'master', *parameters({'source': 'recording', 'recording': '/nowhere'})], '/nowhere'),
         (STATION, [], 'station'),
+        (STATION, ['--station', 'a crane'], "station: 'a crane' cannot be part of a topic's name"),
+        (PAIR_STATION, ['--first', 'master'], 'second: give the name of the station'),
+        (
+            PAIR_STATION,
+            ['--first', 'master', '--second', 'master'],
+            "second: a pair needs two stations, both are 'master'",
+        ),
+        (
+            PAIR_STATION,
+            ['--first', 'master', '--second', 'slave', *parameters({'second_source': 'compresed'})],
+            "did you mean 'compressed'?",
+        ),
+        (
+            PAIR_STATION,
+            ['--first', 'a', '--second', 'b', *parameters({'estimator': 'ml'})],
+            "estimator: 'ml' is not valid",
+        ),
         (FUSION, ['--pair', 'masterslave'], "'masterslave' is not 'first/second'"),
         (FUSION, parameters({'default_pressure': float('nan')}), 'default_pressure'),
         (FUSION, parameters({'maximum_range': -3.0}), 'maximum_range'),

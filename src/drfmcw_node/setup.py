@@ -21,6 +21,7 @@ setup(
     entry_points={
         'console_scripts': [
             'station = drfmcw_node.station:main',
+            'pair_station = drfmcw_node.pair_station:main',
             'send_sweeps = drfmcw_node.send_sweeps:main',
         ],
     },

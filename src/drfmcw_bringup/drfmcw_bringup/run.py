@@ -9,20 +9,59 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 
-from .graph import FUSION, RECORDER, SIMULATOR, STATION, Graph, parameters
+from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, parameters
 from .monitor import RangeMonitor, monitored
 
+_ESTIMATOR = declared_parameters(EstimatorSettings)['estimator'][1]
 _DISCOVERY_LIMIT = 15.0  # takes up to 3 s on an idle machine [s]
 
 
 def pair_names(scenario: Scenario) -> list[str]:
     """Return the pairs of a scenario as 'first/second'."""
     return [f'{pair.first}/{pair.second}' for pair in scenario.pairs]
+
+
+def start_nodes(
+    graph: Graph, scenario: Scenario, record: Path | None = None, keep_alive: bool = False, estimator: str | None = None
+) -> None:
+    """Start recorder, fusion and everything between fusion and simulator.
+
+    With estimator 'pair', a pair's node stands in place of both stations' nodes; the second station's sweeps reach it
+    compressed, as over a radio link, from a node that evaluates nothing.
+
+    Args:
+        graph: that takes the processes.
+        scenario: with the stations and pairs.
+        record: recording to write, None for none.
+        keep_alive: restart stations and fusion when they die.
+        estimator: of the stations; None takes their default.
+
+    Raises:
+        ConfigurationError: estimator 'pair', and a station hears itself.
+    """
+    if estimator == 'pair':
+        for pair in scenario.pairs:
+            if pair.hears_itself:
+                raise ConfigurationError(f"estimator 'pair' needs two stations, but {pair.first} hears itself")
+    if record is not None:
+        graph.start('recorder', RECORDER, str(record))
+    pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
+    graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
+    stations, settings = list(scenario.stations), {'estimator': estimator} if estimator else {}
+    if estimator == 'pair':
+        stations, settings = sorted({pair.second for pair in scenario.pairs}), {'output': 'compressed'}
+        for pair in scenario.pairs:
+            names = ('--first', pair.first, '--second', pair.second)
+            graph.start(f'pair_{pair.first}_{pair.second}', PAIR_STATION, *names, keep_alive=keep_alive)
+    options = parameters(settings) if settings else []
+    for station in stations:
+        graph.start(f'station_{station}', STATION, '--station', station, *options, keep_alive=keep_alive)
 
 
 def start_graph(
@@ -33,8 +72,9 @@ def start_graph(
     monitor: RangeMonitor,
     record: Path | None = None,
     keep_alive: bool = False,
+    estimator: str | None = None,
 ) -> None:
-    """Start recorder, fusion and stations of a scenario, and its simulator once the monitor hears the fusion.
+    """Start the nodes of a scenario, and its simulator once the monitor hears the fusion.
 
     Args:
         graph: that takes the processes.
@@ -42,19 +82,13 @@ def start_graph(
         scenario: as read from it.
         simulator: further parameters of the simulator node.
         monitor: that shall not miss the first range.
-        record: recording to write, None for none.
-        keep_alive: restart stations and fusion when they die.
+        record: as for `start_nodes`, like the following.
+        keep_alive: see there.
+        estimator: see there; raises as there.
     """
-    listeners = 1
-    if record is not None:
-        graph.start('recorder', RECORDER, str(record))
-        listeners = 2
-    pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
-    graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
-    for station in scenario.stations:
-        graph.start(f'station_{station}', STATION, '--station', station, keep_alive=keep_alive)
+    start_nodes(graph, scenario, record, keep_alive, estimator)
     monitor.wait_for_publishers(_DISCOVERY_LIMIT)
-    settings = {'scenario': str(scenario_path), 'listeners': listeners} | simulator
+    settings = {'scenario': str(scenario_path), 'listeners': 1 if record is None else 2} | simulator
     graph.start('simulator', SIMULATOR, *parameters(settings))
 
 
@@ -79,6 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--fast', action='store_true', help='as fast as the stations take the sweeps')
     parser.add_argument('--loop', action='store_true', help='start again when the scenario ends')
     parser.add_argument('--record', type=Path, metavar='RECORDING', help='write a recording')
+    parser.add_argument('--estimator', choices=_ESTIMATOR.choices, help=_ESTIMATOR.description)
     arguments = parser.parse_args(argv)
 
     def work() -> int:
@@ -93,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             simulator['pace'] = 'subscribers'
         pairs = pair_names(scenario)
         with Graph() as graph, monitored(pairs) as monitor:
-            start_graph(graph, path, scenario, simulator, monitor, arguments.record, keep_alive=True)
+            start_graph(graph, path, scenario, simulator, monitor, arguments.record, True, arguments.estimator)
             return watch(graph, monitor, pairs, Console())
 
     return guarded('drfmcw run', work)

@@ -1,7 +1,6 @@
 """Sweeps of both stations in, beat frequencies of both out, evaluated together."""
 
 import collections
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,26 +12,53 @@ from .pair import PairEstimator, pair_estimator
 from .processing import Beat, Spectrum, StationProcessor, Sweep, refusal, wanted_spectra
 
 _WAITING_LIMIT = 4096  # sweeps that wait for their partner
-_WAITING_TIME = 1.0  # by the stamps of later sweeps [s]
+_LARGEST_STAMP_DIFFERENCE = 1_000_000_000  # of partners; beyond it one number stands for two runs [ns]
 
 
 class PairProcessor(StationProcessor):
     """Turns sweeps of both stations of any pairs into beat frequencies of both.
 
-    A sweep waits for its partner's of the same number; one whose partner does not come within a second is evaluated
-    alone, by maximum likelihood, as is one of a station that hears itself.
+    A sweep waits for its partner's of the same number until `give_up` or `finish` is called, or too many wait. Then it
+    is evaluated alone, by maximum likelihood, as a station's that hears itself is at once. Stamps do not tell how
+    long: sweeps may come faster or slower than they were made.
     """
 
     def __init__(self, *args, **kwargs) -> None:
         """Start without anything waiting; arguments as for `StationProcessor`."""
         super().__init__(*args, **kwargs)
         self._waiting: collections.OrderedDict[tuple, Sweep] = collections.OrderedDict()
+        self._waited: dict[tuple, Sweep] = {}  # at the last call of give_up
+        self.pairs = 0
+        """Pairs evaluated since start."""
+        self.unpaired = 0
+        """Sweeps evaluated alone because their partner did not come, since start."""
+
+    @property
+    def waiting(self) -> int:
+        """Number of sweeps that wait for their partner."""
+        return len(self._waiting)
+
+    def has_settings(self, sweep: Sweep) -> bool:
+        """Return True where settings and calibrations have arrived that a sweep and its partner need."""
+        peer = self._sweep_settings.get((sweep.peer, sweep.station))
+        return super().has_settings(sweep) and peer is not None and peer.at(sweep.stamp) is not None
+
+    def give_up(self) -> list[Beat]:
+        """Return the beat frequencies of the sweeps that waited at the last call already, each evaluated alone."""
+        overdue = [key for key, sweep in self._waited.items() if self._waiting.get(key) is sweep]
+        alone = [self._waiting.pop(key) for key in overdue]
+        self._waited = dict(self._waiting)
+        return self._alone(alone)
 
     def finish(self) -> list[Beat]:
         """Return the beat frequencies of the sweeps still waiting, each evaluated alone."""
         alone = list(self._waiting.values())
         self._waiting.clear()
-        return super()._process(alone, 0)[0]
+        return self._alone(alone)
+
+    def _alone(self, sweeps: Sequence[Sweep]) -> list[Beat]:
+        self.unpaired += len(sweeps)
+        return super()._process(sweeps, 0)[0]
 
     def _process(self, sweeps: Sequence[Sweep], every: int) -> tuple[list[Beat], list[Spectrum]]:
         alone, pairs = self._matched(sweeps)
@@ -50,6 +76,7 @@ class PairProcessor(StationProcessor):
             columns = list(zip(*group, strict=True))
             samples = [np.stack([np.asarray(s.samples) for s in column]) for column in columns]
             scales = [np.array([s.full_scale for s in column]) for column in columns]
+            self.pairs += len(group)
             results = chosen(*samples, tuple(scales), wanted)
             found = [self._results(column, r, wanted) for column, r in zip(columns, results, strict=True)]
             for of_pair in zip(*(b for b, _ in found), strict=True):
@@ -60,10 +87,8 @@ class PairProcessor(StationProcessor):
 
     def _matched(self, sweeps: Sequence[Sweep]) -> tuple[list[Sweep], list[tuple[Sweep, Sweep]]]:
         """Return the sweeps to evaluate alone, and pairs (first station's, second station's)."""
-        alone, pairs = [], []
-        newest = -math.inf
+        alone, unpaired, pairs = [], [], []
         for sweep in sweeps:
-            newest = max(newest, sweep.stamp)
             if sweep.peer == sweep.station:
                 alone.append(sweep)
                 continue
@@ -71,16 +96,15 @@ class PairProcessor(StationProcessor):
             partner = self._waiting.pop(key, None)
             if partner is None:
                 self._waiting[key] = sweep
-            elif partner.station == sweep.station or abs(partner.stamp - sweep.stamp) > _WAITING_TIME * 1e9:
-                alone.append(partner)  # the same number of another run
+            elif partner.station == sweep.station or abs(partner.stamp - sweep.stamp) > _LARGEST_STAMP_DIFFERENCE:
+                unpaired.append(partner)
                 self._waiting[key] = sweep
             else:
                 pairs.append((partner, sweep))
-        while self._waiting:
-            key, oldest = next(iter(self._waiting.items()))
-            if newest - oldest.stamp <= _WAITING_TIME * 1e9 and len(self._waiting) <= _WAITING_LIMIT:
-                break
-            alone.append(self._waiting.pop(key))
+        while len(self._waiting) > _WAITING_LIMIT:
+            unpaired.append(self._waiting.popitem(last=False)[1])
+        self.unpaired += len(unpaired)
+        alone += unpaired
         return alone, [self._in_order(pair) for pair in pairs]
 
     def _in_order(self, pair: tuple[Sweep, Sweep]) -> tuple[Sweep, Sweep]:

@@ -1,43 +1,29 @@
 """The station node: sweeps of one sensor-node in, beat frequencies, spectra and compressed sweeps out."""
 
-import collections
 import dataclasses
 import math
-import threading
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from drfmcw_msgs.msg import (
-    BeatFrequency,
-    CompressedIfSamples,
-    IfSamples,
-    IfSpectrum,
-    StationCalibration,
-    StationStatus,
-    SweepConfig,
-)
-from rclpy.node import Node
+from drfmcw_msgs.msg import BeatFrequency, CompressedIfSamples, StationCalibration, StationStatus, SweepConfig
 
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import NANOSECONDS, from_message, to_message
+from drfmcw_ros.diagnostics import ERROR, WARN, Status
+from drfmcw_ros.messages import NANOSECONDS, to_message
 from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import run
 
-from .compression import CompressionError, compress, decompress_message
-from .estimation import EstimatorSettings, Flag
+from .compression import compress
 from .feed import Frame, Request
-from .processing import Beat, EarlySweeps, StationProcessor, Sweep
+from .processing import StationProcessor, Sweep
 from .sources import RecordingSource, Source, TcpSource, UdpSource
 from .station_settings import Housekeeping, StationSettings, check_complete
+from .sweep_node import SweepNode, antenna_frame, run_for_stations
 
-_REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
 _GATHER = 0.8e-3  # of sweeps that are evaluated together [s]
 
 
@@ -57,14 +43,13 @@ class _Packed:
     frame_id: str
 
 
-class StationNode(Node):
+class StationNode(SweepNode):
     """One sensor-node's signal processing. Topics and parameters: README.md of this package."""
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare the parameters, create the topics and start the source; `kwargs` go to rclpy's Node."""
-        super().__init__(kwargs.pop('node_name', 'station'), **kwargs)
+        super().__init__('station', StationProcessor(), **kwargs)
         namespace = self.get_namespace().strip('/')
-        self._lock = threading.RLock()  # a source delivers in its own thread
         named = StationSettings(station=namespace.rpartition('/')[2])
         self._set = SettingsParameters(self, StationSettings, named)
         settings = self._set.value
@@ -74,33 +59,21 @@ class StationNode(Node):
         self._prefix = '' if within else f'{self.station}/'
         parent = namespace.rpartition('/')[0] if within else namespace
         self._siblings = f'/{parent}/' if parent else '/'
-        self._processor = StationProcessor()
-        self._estimation = SettingsParameters(self, EstimatorSettings, on_change=self._change_estimation)
-        self._processor.settings = self._estimation.value
         self._peers: set[str] = set()
-        self._first = qos.FirstTopics(self)  # settings and calibrations: before the sweeps that need them
-        self._early = EarlySweeps(self._processor)
         self._latched: dict[tuple[type, str], Any] = {}
         self._frame: Frame | None = None
-        self._seen: dict[str, int] = {}
         self._heard = 0
         self._link_quality = math.nan
-        self._last_status = self._last_report = (0, 0)
-        self._flags: collections.Counter[str] = collections.Counter()
-        self._snr: collections.deque[float] = collections.deque(maxlen=1000)
-        self._reported: dict[str, float] = {}
-        self._beats = qos.publisher(self, BeatFrequency, self._topic('beat_frequency'), qos.RELIABLE)
-        self._spectra = qos.publisher(self, IfSpectrum, self._topic('if_spectrum'), qos.RELIABLE)
+        self._last_status = (0, 0)
+        self._publish_results_of(self.station, self._prefix)
         self._packed = qos.publisher(self, CompressedIfSamples, self._topic('if_samples_compressed'), qos.RELIABLE)
         self._source: Source | None = None
         if settings.owns_sweep:
             self._own_sweep(settings)
         else:
-            self._listen(settings)
-        diagnostics = Diagnostics(self, hardware_id=self.station)
-        diagnostics.add('Sweeps', self._diagnose_sweeps)
-        diagnostics.add('Source', self._diagnose_source)
-        self._rate_time = time.monotonic()
+            self._listen_to_settings(self._prefix)
+            self._listen_to_sweeps(self._prefix, settings.source, _GATHER if settings.source == 'topic' else 0.0)
+        self._start_diagnostics(hardware_id=self.station)
         if self._source is not None:
             self._source.start()
 
@@ -113,72 +86,20 @@ class StationNode(Node):
     def _topic(self, name: str) -> str:
         return self._prefix + name
 
-    # --- settings, calibrations and sweeps from topics ---
+    # --- settings of whom it measures with ---
 
-    def _listen(self, settings: StationSettings) -> None:
-        """Take sweeps, settings and calibrations from topics."""
-        latched = qos.latched_subscription(32)
-        self._first.subscription(SweepConfig, self._topic('sweep_config'), self._take_sweep_config, latched)
-        self._first.subscription(StationCalibration, self._topic('calibration'), self._take_calibration, latched)
-        if settings.source == 'topic':
-            topic = self._topic('if_samples')
-            qos.subscription(self, IfSamples, topic, self._take_samples, qos.RELIABLE, batch=True, gather=_GATHER)
-        else:
-            qos.subscription(
-                self,
-                CompressedIfSamples,
-                self._topic('if_samples_compressed'),
-                self._take_compressed,
-                qos.RELIABLE,
-                batch=True,
-            )
+    def _concerns(self, station: str, peer: str) -> bool:
+        return station == self.station
 
-    def _take_sweep_config(self, message: SweepConfig) -> None:
-        settings = self._converted(message, SweepSettings, 'sweep_config')
-        if settings is not None and settings.station == self.station:
-            self._processor.add_sweep_config(settings)
-            self._follow_peer(settings.peer)
-            self._take_sweeps([])
-
-    def _take_calibration(self, message: StationCalibration) -> None:
-        calibration = self._converted(message, Calibration, 'calibration')
-        if calibration is not None:
-            self._processor.add_calibration(calibration)
-            self._take_sweeps([])
+    def _add_sweep_config(self, settings: SweepSettings) -> None:
+        super()._add_sweep_config(settings)
+        self._follow_peer(settings.peer)
 
     def _follow_peer(self, peer: str) -> None:
         """Listen to the calibration of a peer that is new."""
         if peer != self.station and peer not in self._peers:
             self._peers.add(peer)
-            topic = f'{self._siblings}{peer}/calibration'
-            self._first.subscription(StationCalibration, topic, self._take_calibration, qos.latched_subscription(1))
-
-    def _converted(self, message: Any, cls: type, topic: str) -> Any:
-        try:
-            return from_message(message, cls)
-        except ConfigurationError as error:
-            self._warn(f'{topic}: {error}')
-            return None
-
-    def _take_samples(self, messages: Sequence[IfSamples]) -> None:
-        self._first.poll()
-        self._take_sweeps([from_message(message, Sweep) for message in messages])
-
-    def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
-        """Evaluate the sweeps whose settings are known; the others wait a moment for them."""
-        self._process(self._early.release(sweeps, time.monotonic()))
-
-    def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
-        self._first.poll()
-        sweeps = []
-        for message in messages:
-            try:
-                sweeps.append(decompress_message(message))
-            except (CompressionError, ConfigurationError) as error:
-                self._processor.sweeps += 1
-                self._processor.dropped['damaged compressed sweep'] += 1
-                self._warn(f'compressed sweep {message.sweep_id}: {error}')
-        self._take_sweeps(sweeps)
+            self._listen_to_calibration(f'{self._siblings}{peer}/')
 
     # --- a sweep of its own: feed or recording ---
 
@@ -311,14 +232,7 @@ class StationNode(Node):
                 dataclasses.replace(s, stamp=s.stamp + shift, frame_id=self._frame_id(s.frame_id)) for s in sweeps
             ]
         if settings.output != 'compressed':
-            with self._lock:
-                every = settings.spectrum_decimation if settings.spectrum else 0
-                beats, spectra = self._processor.process_with_spectra(sweeps, every)
-            for beat in beats:
-                self._beats.publish(to_message(beat, BeatFrequency))
-            for spectrum in spectra:
-                self._spectra.publish(to_message(spectrum, IfSpectrum))
-            self._note(beats)
+            self._evaluate(sweeps)
         else:
             self._processor.sweeps += len(sweeps)
         if settings.output != 'results':
@@ -335,38 +249,11 @@ class StationNode(Node):
             packed = _Packed(*fields, len(sweep.samples), codec, data, sweep.stamp, sweep.frame_id)
             self._packed.publish(to_message(packed, CompressedIfSamples))
 
-    def _note(self, beats: Sequence[Beat]) -> None:
-        """Keep what the diagnostics tell."""
-        for beat in beats:
-            self._snr.append(beat.snr)
-            if beat.flags:
-                for flag in Flag(beat.flags):
-                    self._flags[flag.name] += 1
-        dropped = self._processor.dropped
-        if dropped.total() != sum(self._seen.values()):
-            for reason, count in dropped.items():
-                if count != self._seen.get(reason, 0):
-                    self._warn(f'sweeps dropped: {reason}')
-            self._seen = dict(dropped)
-
-    def _change_estimation(self, settings: EstimatorSettings) -> None:
-        with self._lock:
-            self._processor.settings = settings
-
     def _frame_id(self, given: str) -> str:
-        return self._set.value.frame_id or given or f'{self.station}_antenna'
+        return self._set.value.frame_id or given or antenna_frame(self.station)
 
     def _now(self) -> int:
         return self.get_clock().now().nanoseconds
-
-    def _warn(self, text: str) -> None:
-        """Log a warning, the same one at most every ten seconds."""
-        now = time.monotonic()
-        if now - self._reported.get(text, -math.inf) > _REPORT_INTERVAL:
-            if len(self._reported) > 100:
-                self._reported.clear()
-            self._reported[text] = now
-            self.get_logger().warning(text)
 
     # --- once a second ---
 
@@ -391,42 +278,19 @@ class StationNode(Node):
         self._status.publish(to_message(status, StationStatus))
 
     def _diagnose_sweeps(self, status: Status) -> None:
-        with self._lock:
-            processor = self._processor
-            sweeps, dropped = processor.sweeps, processor.dropped.total()
-            now = time.monotonic()
-            new, lost = sweeps - self._last_report[0], dropped - self._last_report[1]
-            rate = new / max(now - self._rate_time, 1e-3)
-            self._last_report, self._rate_time = (sweeps, dropped), now
-            flags, snr = dict(self._flags), list(self._snr)
-            self._flags.clear()
-            self._snr.clear()
-            reasons = dict(processor.dropped)
-        if not new:
-            status.report(WARN, 'no sweeps')
-        if lost:
-            status.report(WARN, f'{lost} of {new} sweeps dropped')
-        for name, count in flags.items():
-            status.report(WARN, f'{count} of {new} sweeps {name.lower().replace("_", " ")}')
-        status.value('sweeps per second', rate)
-        status.value('sweeps', sweeps)
-        status.value('dropped', dropped)
-        status.value('weak', processor.weak)
-        status.value('median SNR [dB]', float(np.median(snr)) if snr else math.nan)
-        for reason, count in reasons.items():
-            status.value(f'dropped: {reason}', count)
+        super()._diagnose_sweeps(status)
+        if self._set.value.output != 'results':
+            takers = self._packed.get_subscription_count()
+            status.value(f'subscribers of {self._packed.topic_name}', takers)
+            if not takers:
+                status.report(WARN, 'nobody takes the compressed sweeps')
 
     def _diagnose_source(self, status: Status) -> None:
         source = self._source
         kind = self._set.value.source
         status.value('source', kind)
+        super()._diagnose_source(status)
         if source is None:
-            publishers = self.count_publishers(self.resolve_topic_name(self._topic('if_samples')))
-            if kind == 'compressed':
-                publishers = self.count_publishers(self.resolve_topic_name(self._topic('if_samples_compressed')))
-            status.value('publishers', publishers)
-            if not publishers:
-                status.report(WARN, 'nobody publishes sweeps')
             return
         status.value('connected', source.connected)
         for name, count in source.counts().items():
@@ -452,24 +316,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--station', metavar='NAME', help='name of the station (parameter station)')
     parser.add_argument('--config', metavar='FILE', help='ROS parameter file (YAML)')
     arguments = parser.parse_args(own)
-    return guarded(parser.prog, lambda: _run(arguments.station, arguments.config, ros))
-
-
-def _run(station: str | None, config: str | None, ros: list[str]) -> int:
-    extra = []
-    if config is not None:
-        try:
-            open(config, encoding='utf-8').close()
-        except OSError as error:
-            raise ConfigurationError(f'{config}: {error.strerror}') from None
-        extra += ['--params-file', config]
-    if station is not None:
-        extra += ['-p', f'station:={station}']
-    given = next((a.split(':=', 1)[1] for a in [*ros, *extra] if a.startswith('station:=')), '')
-    if given and not any(a.startswith('__ns:=') for a in ros):
-        extra += ['-r', f'__ns:=/{given.strip(chr(34) + chr(39))}']  # its nodes and services under its own name
-    arguments = ['--ros-args', *(a for a in ros if a not in ('--ros-args', '--')), *extra]
-    return run(StationNode, arguments)
+    stations = {'station': arguments.station}
+    return guarded(parser.prog, lambda: run_for_stations(StationNode, stations, arguments.config, ros))
 
 
 if __name__ == '__main__':

@@ -2,12 +2,17 @@
 
 import dataclasses
 import math
+import re
 
 from drfmcw_physics.settings import ConfigurationError, parameter
 
 from .compression import CODECS
+from .estimation import EstimatorSettings
 
-SOURCES = ('topic', 'compressed', 'recording', 'tcp', 'udp')
+SWEEP_TOPICS = ('topic', 'compressed')
+"""How sweeps come from topics: if_samples or if_samples_compressed."""
+
+SOURCES = (*SWEEP_TOPICS, 'recording', 'tcp', 'udp')
 """Where sweeps come from; with the last three the node stands for the hardware and publishes its settings too."""
 
 
@@ -36,10 +41,6 @@ class StationSettings:
         description='results only, or raw sweeps compressed for the radio link, or both',
     )
     codec: str = parameter('flac', choices=CODECS, description='lossless compression of the raw sweeps')
-    spectrum: bool = parameter(True, description='publish magnitude spectra')
-    spectrum_decimation: int = parameter(
-        1, bounds=(1, 1_000_000), description='publish the spectra of sweeps whose number is a multiple of this'
-    )
 
     @property
     def peers(self) -> tuple[str, ...]:
@@ -55,6 +56,37 @@ class StationSettings:
     def has_feed(self) -> bool:
         """True where a digitiser feeds the node."""
         return self.source in ('tcp', 'udp')
+
+
+@dataclasses.dataclass(frozen=True)
+class PairStationSettings:
+    """Settings of a node that evaluates both stations of a pair."""
+
+    first: str = parameter('', structural=True, description='name of one station')
+    second: str = parameter('', structural=True, description='name of the other')
+    first_source: str = parameter(
+        'topic', choices=SWEEP_TOPICS, structural=True, description='how the sweeps of `first` come'
+    )
+    second_source: str = parameter(
+        'compressed', choices=SWEEP_TOPICS, structural=True, description='how the sweeps of `second` come'
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class SpectrumSettings:
+    """What is published besides the beat frequencies."""
+
+    spectrum: bool = parameter(True, description='publish magnitude spectra')
+    spectrum_decimation: int = parameter(
+        1, bounds=(1, 1_000_000), description='publish the spectra of sweeps whose number is a multiple of this'
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class PairEstimatorSettings(EstimatorSettings):
+    """Settings of the estimation where both stations' sweeps are at hand."""
+
+    estimator: str = parameter('pair', choices=('pair',), structural=True, description='both stations together')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +107,31 @@ def check_complete(settings: StationSettings) -> None:
     """Raise ConfigurationError where a source lacks what only it needs."""
     if not settings.station:
         raise ConfigurationError('station: give the name of the station (parameter station, or a namespace)')
+    _check_name('station', settings.station)
     if settings.source == 'recording' and not settings.recording:
         raise ConfigurationError('recording: give the path of the recording that source recording plays')
     if settings.has_feed and not settings.peers:
         raise ConfigurationError(f'peer: source {settings.source} needs the name of at least one peer')
+
+
+def check_pair(settings: PairStationSettings) -> None:
+    """Raise ConfigurationError where the names are not those of two stations."""
+    for parameter_name in ('first', 'second'):
+        name = getattr(settings, parameter_name)
+        if not name:
+            raise ConfigurationError(f'{parameter_name}: give the name of the station (parameters first and second)')
+        _check_name(parameter_name, name)
+    if settings.first == settings.second:
+        raise ConfigurationError(f"second: a pair needs two stations, both are '{settings.first}'")
+
+
+def is_station_name(name: str) -> bool:
+    """Return True for a name that can stand in a topic's."""
+    return re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name) is not None
+
+
+def _check_name(parameter_name: str, name: str) -> None:
+    if not is_station_name(name):
+        raise ConfigurationError(
+            f"{parameter_name}: '{name}' cannot be part of a topic's name: letters, digits and _, no digit first"
+        )

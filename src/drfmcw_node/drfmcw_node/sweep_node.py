@@ -1,0 +1,267 @@
+"""What the nodes that evaluate sweeps share: settings and sweeps from topics, results out, warnings, diagnostics."""
+
+import collections
+import math
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from drfmcw_msgs.msg import BeatFrequency, CompressedIfSamples, IfSamples, IfSpectrum, StationCalibration, SweepConfig
+from rclpy.node import Node
+
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import SweepSettings
+from drfmcw_ros import qos
+from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
+from drfmcw_ros.messages import from_message, to_message
+from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.runner import run
+
+from .compression import CompressionError, decompress_message
+from .estimation import EstimatorSettings, Flag
+from .processing import Beat, EarlySweeps, Spectrum, StationProcessor, Sweep
+from .station_settings import SpectrumSettings, is_station_name
+
+_REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
+_LATCHED_DEPTH = 32  # settings for so many peers
+
+
+class SweepNode(Node):
+    """Shell around a `StationProcessor`; a subclass says which topics it listens to and what it publishes."""
+
+    def __init__(self, name: str, processor: StationProcessor, estimation: type = EstimatorSettings, **kwargs: Any):
+        """Declare the parameters that all share.
+
+        Args:
+            name: of the node.
+            processor: that evaluates the sweeps.
+            estimation: class of the estimation's settings.
+            kwargs: go to rclpy's Node.
+
+        Raises:
+            ConfigurationError: a value given at start is wrong.
+        """
+        super().__init__(name, **kwargs)
+        self._lock = threading.RLock()  # a source delivers in its own thread
+        self._processor = processor
+        self._estimation = SettingsParameters(self, estimation, on_change=self._change_estimation)
+        processor.settings = self._estimation.value
+        self._spectrum = SettingsParameters(self, SpectrumSettings)
+        self._first = qos.FirstTopics(self)  # settings and calibrations: before the sweeps that need them
+        self._early = EarlySweeps(processor)
+        self._sweep_subscriptions: dict[str, Any] = {}  # by topic
+        self._results: dict[str, tuple[Any, Any]] = {}  # publishers of beats and spectra by station
+        self._seen: dict[str, int] = {}
+        self._last_report = (0, 0)
+        self._flags: collections.Counter[str] = collections.Counter()
+        self._snr: collections.deque[float] = collections.deque(maxlen=1000)
+        self._reported: dict[str, float] = {}
+
+    def _publish_results_of(self, station: str, prefix: str) -> None:
+        """Create the publishers of a station's results; `prefix` stands before the topics' last names."""
+        self._results[station] = (
+            qos.publisher(self, BeatFrequency, f'{prefix}beat_frequency', qos.RELIABLE),
+            qos.publisher(self, IfSpectrum, f'{prefix}if_spectrum', qos.RELIABLE),
+        )
+
+    def _start_diagnostics(self, hardware_id: str) -> Diagnostics:
+        """Begin to report; return where further tasks can be added."""
+        diagnostics = Diagnostics(self, hardware_id)
+        diagnostics.add('Sweeps', self._diagnose_sweeps)
+        diagnostics.add('Source', self._diagnose_source)
+        self._rate_time = time.monotonic()
+        return diagnostics
+
+    # --- settings, calibrations and sweeps from topics ---
+
+    def _listen_to_settings(self, prefix: str) -> None:
+        latched = qos.latched_subscription(_LATCHED_DEPTH)
+        self._first.subscription(SweepConfig, f'{prefix}sweep_config', self._take_sweep_config, latched)
+        self._listen_to_calibration(prefix)
+
+    def _listen_to_calibration(self, prefix: str) -> None:
+        topic = f'{prefix}calibration'
+        latched = qos.latched_subscription(_LATCHED_DEPTH)
+        self._first.subscription(StationCalibration, topic, self._take_calibration, latched)
+
+    def _listen_to_sweeps(self, prefix: str, source: str, gather: float) -> None:
+        """Take sweeps from a station's topic: `source` is 'topic' or 'compressed'; `gather` as qos.subscription."""
+        if source == 'topic':
+            kind, name, take = IfSamples, 'if_samples', self._take_samples
+        else:
+            kind, name, take = CompressedIfSamples, 'if_samples_compressed', self._take_compressed
+        created = qos.subscription(self, kind, prefix + name, take, qos.RELIABLE, batch=True, gather=gather)
+        self._sweep_subscriptions[created.topic_name] = created
+
+    def _concerns(self, station: str, peer: str) -> bool:
+        """Return True for settings that this node's sweeps may need."""
+        raise NotImplementedError
+
+    def _take_sweep_config(self, message: SweepConfig) -> None:
+        settings = self._converted(message, SweepSettings, 'sweep_config')
+        if settings is not None and self._concerns(settings.station, settings.peer):
+            self._add_sweep_config(settings)
+            self._take_sweeps([])
+
+    def _add_sweep_config(self, settings: SweepSettings) -> None:
+        self._processor.add_sweep_config(settings)
+
+    def _take_calibration(self, message: StationCalibration) -> None:
+        calibration = self._converted(message, Calibration, 'calibration')
+        if calibration is not None:
+            self._processor.add_calibration(calibration)
+            self._take_sweeps([])
+
+    def _converted(self, message: Any, cls: type, topic: str) -> Any:
+        try:
+            return from_message(message, cls)
+        except ConfigurationError as error:
+            self._warn(f'{topic}: {error}')
+            return None
+
+    def _take_samples(self, messages: Sequence[IfSamples]) -> None:
+        self._first.poll()
+        self._take_sweeps([from_message(message, Sweep) for message in messages])
+
+    def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
+        self._first.poll()
+        sweeps = []
+        for message in messages:
+            try:
+                sweeps.append(decompress_message(message))
+            except (CompressionError, ConfigurationError) as error:
+                self._processor.sweeps += 1
+                self._processor.dropped['damaged compressed sweep'] += 1
+                self._warn(f'compressed sweep {message.sweep_id} of {message.station}: {error}')
+        self._take_sweeps(sweeps)
+
+    def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
+        """Evaluate the sweeps whose settings are known; the others wait a moment for them."""
+        self._process(self._early.release(sweeps, time.monotonic()))
+
+    # --- results ---
+
+    def _process(self, sweeps: list[Sweep]) -> None:
+        """Evaluate a batch and publish what is wanted of it."""
+        if sweeps:
+            self._evaluate(sweeps)
+
+    def _evaluate(self, sweeps: Sequence[Sweep]) -> None:
+        """Publish beat frequencies and, where wanted, spectra of a batch."""
+        wanted = self._spectrum.value
+        with self._lock:
+            every = wanted.spectrum_decimation if wanted.spectrum else 0
+            beats, spectra = self._processor.process_with_spectra(sweeps, every)
+        self._publish(beats, spectra)
+
+    def _publish(self, beats: Sequence[Beat], spectra: Sequence[Spectrum] = ()) -> None:
+        for beat in beats:
+            self._results[beat.station][0].publish(to_message(beat, BeatFrequency))
+        for spectrum in spectra:
+            self._results[spectrum.station][1].publish(to_message(spectrum, IfSpectrum))
+        self._note(beats)
+
+    def _note(self, beats: Sequence[Beat]) -> None:
+        """Keep what the diagnostics tell."""
+        for beat in beats:
+            self._snr.append(beat.snr)
+            if beat.flags:
+                for flag in Flag(beat.flags):
+                    self._flags[flag.name] += 1
+        dropped = self._processor.dropped
+        if dropped.total() != sum(self._seen.values()):
+            for reason, count in dropped.items():
+                if count != self._seen.get(reason, 0):
+                    self._warn(f'sweeps dropped: {reason}')
+            self._seen = dict(dropped)
+
+    def _change_estimation(self, settings: EstimatorSettings) -> None:
+        with self._lock:
+            self._processor.settings = settings
+
+    def _warn(self, text: str) -> None:
+        """Log a warning, the same one at most every ten seconds."""
+        now = time.monotonic()
+        if now - self._reported.get(text, -math.inf) > _REPORT_INTERVAL:
+            if len(self._reported) > 100:
+                self._reported.clear()
+            self._reported[text] = now
+            self.get_logger().warning(text)
+
+    # --- once a second ---
+
+    def _diagnose_sweeps(self, status: Status) -> None:
+        with self._lock:
+            processor = self._processor
+            sweeps, dropped = processor.sweeps, processor.dropped.total()
+            now = time.monotonic()
+            new, lost = sweeps - self._last_report[0], dropped - self._last_report[1]
+            rate = new / max(now - self._rate_time, 1e-3)
+            self._last_report, self._rate_time = (sweeps, dropped), now
+            flags, snr = dict(self._flags), list(self._snr)
+            self._flags.clear()
+            self._snr.clear()
+            reasons = dict(processor.dropped)
+        if not new:
+            status.report(WARN, 'no sweeps')
+        if lost:
+            status.report(WARN, f'{lost} of {new} sweeps dropped')
+        for name, count in flags.items():
+            status.report(WARN, f'{count} of {new} sweeps {name.lower().replace("_", " ")}')
+        status.value('sweeps per second', rate)
+        status.value('sweeps', sweeps)
+        status.value('dropped', dropped)
+        status.value('weak', processor.weak)
+        status.value('median SNR [dB]', float(np.median(snr)) if snr else math.nan)
+        for reason, count in reasons.items():
+            status.value(f'dropped: {reason}', count)
+        for beats, _ in self._results.values():
+            status.value(f'subscribers of {beats.topic_name}', beats.get_subscription_count())
+
+    def _diagnose_source(self, status: Status) -> None:
+        for topic, subscription in self._sweep_subscriptions.items():
+            publishers = subscription.get_publisher_count()
+            status.value(f'publishers of {topic}', publishers)
+            if not publishers:
+                status.report(WARN, f'nobody publishes {topic}')
+
+
+def antenna_frame(station: str) -> str:
+    """Return the frame of a station's antenna where nobody names one."""
+    return f'{station}_antenna'
+
+
+def run_for_stations(
+    node_class: type, stations: Mapping[str, str | None], config: str | None, ros_arguments: Sequence[str]
+) -> int:
+    """Run a node under the names of the stations it is for; return the exit status.
+
+    Args:
+        node_class: as `drfmcw_ros.runner.run` takes it.
+        stations: parameters that name stations, in the order in which they make up the namespace, and the names given
+            on the command line, None for those that were not.
+        config: ROS parameter file, None for none.
+        ros_arguments: from --ros-args on.
+
+    Raises:
+        ConfigurationError: the parameter file cannot be read.
+    """
+    extra = []
+    if config is not None:
+        try:
+            open(config, encoding='utf-8').close()
+        except OSError as error:
+            raise ConfigurationError(f'{config}: {error.strerror}') from None
+        extra += ['--params-file', config]
+    for parameter, name in stations.items():
+        if name is not None:
+            extra += ['-p', f'{parameter}:={name}']
+    assigned = dict(a.split(':=', 1) for a in [*ros_arguments, *extra] if ':=' in a)
+    given = [assigned.get(parameter, '').strip('"\'') for parameter in stations]
+    if '__ns' not in assigned and all(is_station_name(name) for name in given):
+        extra += ['-r', f'__ns:=/{"/".join(given)}']  # its nodes and services under its own name
+    arguments = ['--ros-args', *(a for a in ros_arguments if a not in ('--ros-args', '--')), *extra]
+    return run(node_class, arguments)
