@@ -23,7 +23,7 @@ from drfmcw_physics.sweep import Mode, Role, SweepSettings
 from drfmcw_ros.config_files import find_config
 
 from .effects import Effect, effect_from_mapping
-from .trajectory import Drive, Profile, Standing
+from .trajectory import Drive, Profile, Recorded, Standing
 
 _PROFILE = 'true value: a number, or `{times: [s], values: []}`'
 
@@ -83,7 +83,7 @@ class PairSettings:
 
     first: str = parameter(description='station that starts first')
     second: str = parameter(description='station that starts T_off later')
-    trajectory: Standing | Drive = None
+    trajectory: Standing | Drive | Recorded = None
     path_loss: float = parameter(
         math.nan, unit='dB', bounds=(-50.0, 300.0), nan_means='free space',
         description='loss between the antenna ports, antennas left out, at any distance (attenuator of a cable set-up)',
@@ -226,14 +226,14 @@ def _with_profiles(mapping: Any, names: tuple[str, ...]) -> Any:
 def _pair(mapping: Any, where: str, stations: list[str]) -> PairSettings:
     if not isinstance(mapping, Mapping):
         raise ConfigurationError(f'{where}: expected a mapping of settings, not {mapping!r}')
-    kinds = {'standing': Standing, 'drive': Drive}
+    kinds = {'standing': Standing, 'drive': Drive, 'recorded': Recorded}
     given = [k for k in kinds if k in mapping]
     for key in mapping:
         valid = [f.name for f in dataclasses.fields(PairSettings) if f.name != 'trajectory'] + list(kinds)
         if key not in valid:
             raise ConfigurationError(f"{where}: unknown key '{key}'{nearest(key, valid)}")
     if len(given) != 1:
-        raise ConfigurationError(f"{where}: needs one of 'standing' and 'drive'")
+        raise ConfigurationError(f"{where}: needs one of 'standing', 'drive' and 'recorded'")
     trajectory = from_mapping(kinds[given[0]], mapping[given[0]], f'{where}: {given[0]}')
     pair = from_mapping(PairSettings, {k: v for k, v in mapping.items() if k not in kinds}, where)
     for station in (pair.first, pair.second):
@@ -296,6 +296,8 @@ def _check(scenario: Scenario, where: str) -> None:
         try:
             for mode in Mode:
                 scenario.sweep_settings(pair, mode, scenario.mode.start_delay(mode))
+            if isinstance(pair.trajectory, Recorded):
+                scenario.sweep_settings(pair, Mode.SHORT_DISTANCE, max(pair.trajectory.start_delays))
         except ConfigurationError as error:
             raise ConfigurationError(f'{where}: pairs[{i}]: {error}') from None
     busy = scenario.waveform.ramp_duration + scenario.mode.start_delay_short

@@ -15,7 +15,7 @@ from .nominal import link_budget, nominal_measurements
 from .random_streams import Purpose, stream
 from .scenario import Scenario
 from .signal_model import Measurements, synthesise
-from .trajectory import Drive
+from .trajectory import Drive, Recorded
 
 NANOSECONDS = 1_000_000_000
 
@@ -124,9 +124,20 @@ class Timeline:
         self._pause = 0.0  # time spent changing modes [s]
         self._by_range = mode_by_range
         self._reported = -math.inf  # time up to which weather and status are published [s]
+        self.modes: list[Mode | None] = [None] * len(scenario.pairs)
+        self._start_delays = [math.nan] * len(scenario.pairs)
         first = self._at(first_sweep_id + np.arange(len(scenario.pairs)))
-        self.modes = [choose_mode(None, float(d), scenario.mode) for d in first.distance]
-        self._start_delays = [scenario.mode.start_delay(m) for m in self.modes]
+        wanted = [self._wanted(int(p), 0, float(d)) for p, d in zip(first.pair, first.distance, strict=True)]
+        self.modes, self._start_delays = ([w[i] for w in wanted] for i in range(2))
+
+    def _wanted(self, pair: int, index: int, distance: float) -> tuple[Mode, float]:
+        """Return the mode and T_off [s] that the pair's sweep number `index` at a distance [m] asks for."""
+        trajectory = self.scenario.pairs[pair].trajectory
+        if isinstance(trajectory, Recorded):
+            return trajectory.mode(index)
+        mode = choose_mode(self.modes[pair], distance, self.scenario.mode)
+        kept = mode == self.modes[pair]
+        return mode, self._start_delays[pair] if kept else self.scenario.mode.start_delay(mode)
 
     def stamp(self, time: float) -> int:
         """Return scenario time [s] as stamp [ns]."""
@@ -179,11 +190,11 @@ class Timeline:
         slots = self._at(np.arange(self.next_sweep_id, self.next_sweep_id + limit))
         stop = self._ended(slots)
         if self._by_range:
-            wanted = [
-                choose_mode(self.modes[p], float(d), self.scenario.mode) != self.modes[p]
-                for p, d in zip(slots.pair, slots.distance, strict=True)
+            index = (slots.sweep_id - self._first_sweep_id) // len(self.scenario.pairs)
+            stop = stop | [
+                self._wanted(p, i, d) != (self.modes[p], self._start_delays[p])
+                for p, i, d in zip(slots.pair.tolist(), index.tolist(), slots.distance.tolist(), strict=True)
             ]
-            stop = stop | wanted
         end = int(np.argmax(stop)) if stop.any() else len(slots)
         return slots[:end]
 
@@ -239,10 +250,11 @@ class Timeline:
         """Change the mode of the next measurement's pair where its distance asks for it; return the new settings."""
         slot = self._at(np.array([self.next_sweep_id]))
         pair = int(slot.pair[0])
-        mode = choose_mode(self.modes[pair], float(slot.distance[0]), self.scenario.mode)
-        if not self._by_range or mode == self.modes[pair]:
+        index = (self.next_sweep_id - self._first_sweep_id) // len(self.scenario.pairs)
+        wanted = self._wanted(pair, index, float(slot.distance[0]))
+        if not self._by_range or wanted == (self.modes[pair], self._start_delays[pair]):
             return []
-        return self.change_mode(pair, mode)
+        return self.change_mode(pair, *wanted)
 
     def measurements(self, slots: Slots, pair: int) -> Measurements:
         """Return the conditions of those slots that belong to a pair."""
@@ -312,18 +324,22 @@ class Timeline:
             events += self._reports(reported, float(time), int(sweep_id))
             reported = time
             if s.reference.enabled and s.reference.interval == 0:
-                events.append(self._reference(int(sweep_id), int(pair), float(time), float(distance)))
+                index = (int(sweep_id) - self._first_sweep_id) // len(s.pairs)
+                events.append(self._reference(int(sweep_id), int(pair), index, float(time), float(distance)))
             events += sweeps[int(sweep_id)]
         return events
 
-    def _reference(self, number: int, pair: int, time: float, distance: float) -> Event:
+    def _reference(self, number: int, pair: int, index: int, time: float, distance: float) -> Event:
+        """Return reading `number`, of a pair at its sweep number `index`, at a time [s] and true distance [m]."""
         s = self.scenario
         error = stream(s.seed, Purpose.REFERENCE, number).standard_normal() * s.reference.range_std
         p = s.pairs[pair]
 
         def earlier(t: float) -> float:
+            if isinstance(p.trajectory, Drive):
+                return float(p.trajectory.state(None, t)[0])
             # between two distances a standing crane is not simulated: its reference has settled
-            return float(p.trajectory.state(None, t)[0]) if isinstance(p.trajectory, Drive) else distance
+            return distance + p.trajectory.step(index) * (t - time) / (s.timing.sweep_interval * len(s.pairs))
 
         error += sum(float(e.reference_error(time, distance, earlier)) for e in s.effects)
         frame = 'reference' if len(s.pairs) == 1 else f'{p.first}/{p.second}'
@@ -341,9 +357,9 @@ class Timeline:
             due.append((t, [self._status(name, t, sweeps) for name in s.stations]))
         if s.reference.enabled and s.reference.interval:
             for number, t in _ticks(s.reference.interval, since, until):
-                index = np.array([sweeps // len(s.pairs)])
-                distance = s.pairs[0].trajectory.state(index, np.array([t]))[0][0]
-                due.append((t, [self._reference(number, 0, t, float(distance))]))
+                index = sweeps // len(s.pairs)
+                distance = s.pairs[0].trajectory.state(np.array([index]), np.array([t]))[0][0]
+                due.append((t, [self._reference(number, 0, index, t, float(distance))]))
         for _, events in sorted(due, key=lambda item: item[0]):
             yield from events
 

@@ -1,4 +1,4 @@
-"""How the antenna distance of a pair changes: standing at given distances, or driving between way-points."""
+"""How the antenna distance of a pair changes: standing, driving between way-points, or as a recording has it."""
 
 import dataclasses
 import itertools
@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, parameter
+from drfmcw_physics.sweep import Mode
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +40,10 @@ class Standing:
         """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at the pair's sweeps `index`."""
         distance = np.asarray(self.distances)[self.setting(index)]
         return distance, np.zeros(len(distance)), np.zeros(len(distance))
+
+    def step(self, index: int) -> float:
+        """Return zero: it does not move at its distances."""
+        return 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,6 +99,62 @@ class Drive:
         start, distance, velocity, acceleration = phases[np.searchsorted(phases[:, 0], time, side='right') - 1].T
         t = time - start
         return distance + velocity * t + 0.5 * acceleration * t * t, velocity + acceleration * t, acceleration.copy()
+
+
+@dataclasses.dataclass(frozen=True)
+class Recorded:
+    """Stops of a recording: each sweep finds the crane standing, a little further than the one before where it moved.
+
+    Its speed, which each sweep also sees, is an effect (`target_motion`).
+    """
+
+    distances: list[float] = parameter(
+        unit='m', bounds=(0.0, 1e6), description='antenna distance at the first sweep of each stop'
+    )
+    steps: list[float] = parameter(
+        unit='m', bounds=(-1e3, 1e3), description='growth of the distance from one sweep to the next, of each stop'
+    )
+    sweeps: list[int] = parameter(bounds=(1, 10**9), description='sweeps of this pair at each stop')
+    pauses: list[float] = parameter(
+        unit='s', bounds=(0.0, 1e9), description='time before each stop beyond the interval of the sweeps'
+    )
+    modes: list[int] = parameter(bounds=(0, 1), description='of each stop: 0 short distance, 1 long distance')
+    start_delays: list[float] = parameter(unit='s', bounds=(0.0, 1.0), description='T_off of each stop')
+
+    def __post_init__(self) -> None:
+        """Refuse lists that do not belong together."""
+        counts = {field.name: len(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        if len(set(counts.values())) > 1 or not self.distances:
+            raise ConfigurationError(f'needs lists of one length, not {counts}')
+
+    @property
+    def sweep_count(self) -> int:
+        """Sweeps of this pair until the last stop is done."""
+        return sum(self.sweeps)
+
+    def moves(self, index: np.ndarray) -> np.ndarray:
+        """Return the time spent between stops before the pair's sweep number `index` [s]."""
+        return np.cumsum(self.pauses)[self.setting(index)]
+
+    def setting(self, index: np.ndarray) -> np.ndarray:
+        """Return the number of the stop to which the pair's sweep number `index` belongs."""
+        return np.minimum(np.searchsorted(np.cumsum(self.sweeps), index, side='right'), len(self.sweeps) - 1)
+
+    def state(self, index: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (distance [m], velocity [m/s], acceleration [m/s^2]) at the pair's sweeps `index`."""
+        stop = self.setting(index)
+        first = np.cumsum(self.sweeps) - self.sweeps
+        distance = np.asarray(self.distances)[stop] + np.asarray(self.steps)[stop] * (index - first[stop])
+        return distance, np.zeros(len(distance)), np.zeros(len(distance))
+
+    def step(self, index: int) -> float:
+        """Return the growth of the distance per sweep at the pair's sweep number `index` [m]."""
+        return self.steps[int(self.setting(np.array([index]))[0])]
+
+    def mode(self, index: int) -> tuple[Mode, float]:
+        """Return (mode, T_off [s]) of the pair's sweep number `index`."""
+        stop = int(self.setting(np.array([index]))[0])
+        return Mode(self.modes[stop]), self.start_delays[stop]
 
 
 @dataclasses.dataclass(frozen=True)
