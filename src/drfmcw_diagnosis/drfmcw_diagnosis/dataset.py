@@ -39,6 +39,7 @@ _PAIRING = 1.0  # largest difference of both stations' stamps of one sweep [s]
 _FAR = 1.0  # a delay at which the sign of a beat frequency is beyond doubt [s]
 _MAD_TO_STD = 1.4826  # of normal noise
 _CHUNK = 512  # sweeps estimated at once
+_LINE = ('frequency', 'frequency_std', 'phase', 'power')  # fields of Beat and of Lines
 _WEATHER = ('temperature', 'pressure', 'humidity')
 
 
@@ -47,6 +48,7 @@ class Lines:
     """What the chain itself measures, every sweep on its own; NaN where a station has no result."""
 
     frequency: np.ndarray  # (stations, n) on each station's nominal clock [Hz]
+    frequency_std: np.ndarray  # (stations, n) [Hz]
     phase: np.ndarray  # (stations, n) [rad]
     power: np.ndarray  # (stations, n) at the receive antenna port [dBm]
     noise_density: np.ndarray  # (stations, n) of the additive noise at the receive antenna port [dBm/Hz]
@@ -298,23 +300,22 @@ class _Recording:
         stations = self._choose(pair)
         of_station = self._read_sweeps(stations, progress)
         matched = self._matched(stations, of_station)
-        delays = [0.0 if m[0] is not None else self._settings_at(stations, m[1].stamp)[1].start_delay for m in matched]
-        stamp = np.array(
-            [next(s for s in m if s is not None).stamp - round(d * 1e9) for m, d in zip(matched, delays, strict=True)]
-        )
+        present = [[s for s in m if s is not None] for m in matched]
+        heard = np.array([p[0].stamp for p in present])
+        late = [0.0 if m[0] else self._settings_at(stations, m[1].stamp)[1].start_delay for m in matched]
+        stamp = heard - np.rint(np.array(late) * 1e9).astype(np.int64)
         sweeps: dict[str, tuple[SweepSettings, ...]] = {}
         setting = []
-        for instant in stamp:
+        for instant in heard:
             settings = self._settings_at(stations, int(instant))
             sweeps.setdefault(repr(settings), settings)  # NaN for what is unknown never equals itself
             setting.append(list(sweeps).index(repr(settings)))
         self._say_what_is_missing(stations, of_station, list(sweeps.values()))
-        present = [[s for s in m if s is not None] for m in matched]
         reference = self._reference.of('/'.join((stations[0], stations[-1])))
-        known = reference_at(reference, stamp)
+        known = reference_at(reference, heard)
         defaults = FusionSettings()
         weather = {
-            quantity: _held(self._weather.get(quantity), stamp, getattr(defaults, f'default_{quantity}'))
+            quantity: _held(self._weather.get(quantity), heard, getattr(defaults, f'default_{quantity}'))
             for quantity in _WEATHER
         }
         return Dataset(
@@ -336,10 +337,10 @@ class _Recording:
             sweeps=tuple(sweeps.values()),
             setting=np.array(setting),
             calibration=tuple(self._calibration(s, int(stamp[0])) for s in stations),
-            board_temperature=np.array([_held(self._temperatures.get(s), stamp, np.nan) for s in stations]),
+            board_temperature=np.array([_held(self._temperatures.get(s), heard, np.nan) for s in stations]),
             **weather,
             reference=known,
-            reference_std=_reference_std(reference, stamp, known),
+            reference_std=_reference_std(reference, heard, known),
             missing=tuple(self.missing),
         )
 
@@ -548,8 +549,8 @@ def _sweeps_of(dataset: Dataset, rows: np.ndarray) -> Iterator[Sweep]:
 def _measure(dataset: Dataset) -> Lines:
     """Return what the chain measures: maximum-likelihood beat frequencies, and their ranges."""
     shape = (len(dataset.stations), len(dataset))
-    found = {name: np.full(shape, np.nan) for name in ('frequency', 'phase', 'power', 'noise_density')}
-    flags = np.zeros(shape, int)
+    found = {name: np.full(shape, np.nan) for name in _LINE}
+    density, flags = np.full(shape, np.nan), np.zeros(shape, int)
     ranges, stds = np.full((2, len(dataset)), np.nan)
     fusion = RangeFusion(FusionSettings(maximum_range=1e7))
     for calibration in dataset.calibration:
@@ -570,8 +571,9 @@ def _measure(dataset: Dataset) -> Lines:
             beats = processor.process(list(_sweeps_of(dataset, rows)))
             for beat in sorted(beats, key=lambda b: b.stamp):
                 at = dataset.stations.index(beat.station), beat.sweep_id
-                found['frequency'][at], found['phase'][at], found['power'][at] = beat.frequency, beat.phase, beat.power
-                found['noise_density'][at] = beat.power - beat.snr + 10.0 * np.log10(settings[0].ramp_duration)
+                for name in _LINE:
+                    found[name][at] = getattr(beat, name)
+                density[at] = beat.power - beat.snr + 10.0 * np.log10(settings[0].ramp_duration)
                 flags[at] = beat.flags
                 result = fusion.add_beat(beat)
                 if result is not None:
@@ -583,7 +585,7 @@ def _measure(dataset: Dataset) -> Lines:
                 )
                 hardware = sum(c.delay for c in dataset.calibration)
                 ranges[run] = (delay - hardware) * SPEED_OF_LIGHT / dataset.refractive_index[run]
-    return Lines(**found, flags=flags, range=ranges, range_std=stds)
+    return Lines(**found, noise_density=density, flags=flags, range=ranges, range_std=stds)
 
 
 def _delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, peer: Calibration) -> np.ndarray:
