@@ -32,7 +32,7 @@ def start_nodes(
 ) -> None:
     """Start recorder, fusion and everything between fusion and simulator.
 
-    With estimator 'pair', a pair's node stands in place of both stations' nodes; the second station's sweeps reach it
+    With estimator 'pair', a pair station stands in place of each pair's first station; the second one's sweeps reach it
     compressed, as over a radio link, from a node that evaluates nothing.
 
     Args:
@@ -56,9 +56,10 @@ def start_nodes(
     stations, settings = list(scenario.stations), {'estimator': estimator} if estimator else {}
     if estimator == 'pair':
         stations, settings = sorted({pair.second for pair in scenario.pairs}), {'output': 'compressed'}
-        for pair in scenario.pairs:
-            names = ('--first', pair.first, '--second', pair.second)
-            graph.start(f'pair_{pair.first}_{pair.second}', PAIR_STATION, *names, keep_alive=keep_alive)
+        for first in dict.fromkeys(pair.first for pair in scenario.pairs):
+            seconds = ','.join(pair.second for pair in scenario.pairs if pair.first == first)
+            names = ('--first', first, '--second', seconds)
+            graph.start(f'pair_station_{first}', PAIR_STATION, *names, keep_alive=keep_alive)
     options = parameters(settings) if settings else []
     for station in stations:
         graph.start(f'station_{station}', STATION, '--station', station, *options, keep_alive=keep_alive)

@@ -1,4 +1,4 @@
-"""The node of a pair: raw sweeps of both stations in, beat frequencies and spectra of both out, estimated jointly."""
+"""The pair station: raw sweeps of both stations of a pair in, beat frequencies and spectra of both out."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from drfmcw_ros.parameters import SettingsParameters
 from .pair_processing import PairProcessor
 from .processing import Sweep
 from .station_settings import PairEstimatorSettings, PairStationSettings, check_pair
-from .sweep_node import SweepNode, antenna_frame, run_for_stations
+from .sweep_node import SweepNode, antenna_frame, run_named
 
 _GATHER = 2e-3  # of sweeps that are evaluated together; a pair alone costs as much as three in a batch of eight [s]
 _PATIENCE = 1.0  # after which, at the earliest, a sweep is evaluated without its partner [s]
 
 
 class PairStationNode(SweepNode):
-    """Stands in place of both stations' nodes. Topics and parameters: README.md of this package."""
+    """Stands in place of a station's node and those of its peers. Topics and parameters: README.md of this package."""
 
     _processor: PairProcessor
 
@@ -27,22 +27,22 @@ class PairStationNode(SweepNode):
         super().__init__('pair_station', PairProcessor(), PairEstimatorSettings, **kwargs)
         settings = SettingsParameters(self, PairStationSettings).value
         check_pair(settings)
-        self._names = {settings.first, settings.second}
+        self._pairs = [{settings.first, second} for second in settings.seconds]
         self._last_pairs = (0, 0)
-        sources = {settings.first: settings.first_source, settings.second: settings.second_source}
-        for station, source in sources.items():
+        sources = dict.fromkeys(settings.seconds, settings.second_source)
+        for station, source in ((settings.first, settings.first_source), *sources.items()):
             prefix = f'/{station}/'
             self._publish_results_of(station, prefix)
             self._listen_to_settings(prefix)
             self._listen_to_sweeps(prefix, source, _GATHER)
-        self._start_diagnostics(f'{settings.first}/{settings.second}').add('Pairs', self._diagnose_pairs)
+        self._start_diagnostics(settings.first).add('Pairs', self._diagnose_pairs)
         self.create_timer(_PATIENCE, self._give_up)
 
     def _concerns(self, station: str, peer: str) -> bool:
-        return {station, peer} == self._names
+        return {station, peer} in self._pairs
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
-        """Leave out sweeps with other peers: they are in turn with this pair's, and another node's."""
+        """Leave out sweeps with other peers: they take turns with these, but are not this node's."""
         own = [s for s in sweeps if self._concerns(s.station, s.peer)]
         super()._take_sweeps([s if s.frame_id else _in_frame(s) for s in own])
 
@@ -70,7 +70,7 @@ def _in_frame(sweep: Sweep) -> Sweep:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a pair's node; return the exit status."""
+    """Run a pair station; return the exit status."""
     own, ros = split_ros_arguments(argv)
     parser = Parser(
         prog='drfmcw pair',
@@ -78,12 +78,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         'sweeps in, beat frequencies and spectra out. All parameters: src/drfmcw_node/README.md.',
         epilog='Anything after --ros-args goes to ROS, for instance: --ros-args -p second_source:=topic',
     )
-    parser.add_argument('--first', metavar='NAME', help='name of one station (parameter first)')
-    parser.add_argument('--second', metavar='NAME', help='name of the other (parameter second)')
+    parser.add_argument('--first', metavar='NAME', help='name of the one station (parameter first)')
+    parser.add_argument('--second', metavar='NAME[,NAME]', help='name of the other, or of several (parameter second)')
     parser.add_argument('--config', metavar='FILE', help='ROS parameter file (YAML)')
     arguments = parser.parse_args(own)
     stations = {'first': arguments.first, 'second': arguments.second}
-    return guarded(parser.prog, lambda: run_for_stations(PairStationNode, stations, arguments.config, ros))
+    return guarded(parser.prog, lambda: run_named(PairStationNode, stations, arguments.config, ros))
 
 
 if __name__ == '__main__':

@@ -22,7 +22,7 @@ from .feed import Frame, Request
 from .processing import StationProcessor, Sweep
 from .sources import RecordingSource, Source, TcpSource, UdpSource
 from .station_settings import Housekeeping, StationSettings, check_complete
-from .sweep_node import SweepNode, antenna_frame, run_for_stations
+from .sweep_node import SweepNode, antenna_frame, run_named
 
 _GATHER = 0.8e-3  # of sweeps that are evaluated together [s]
 
@@ -317,7 +317,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--config', metavar='FILE', help='ROS parameter file (YAML)')
     arguments = parser.parse_args(own)
     stations = {'station': arguments.station}
-    return guarded(parser.prog, lambda: run_for_stations(StationNode, stations, arguments.config, ros))
+    return guarded(parser.prog, lambda: run_named(StationNode, stations, arguments.config, ros))
 
 
 if __name__ == '__main__':

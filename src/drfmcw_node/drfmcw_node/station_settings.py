@@ -45,7 +45,7 @@ class StationSettings:
     @property
     def peers(self) -> tuple[str, ...]:
         """Names of the peers."""
-        return tuple(name.strip() for name in self.peer.split(',') if name.strip())
+        return _names(self.peer)
 
     @property
     def owns_sweep(self) -> bool:
@@ -62,14 +62,21 @@ class StationSettings:
 class PairStationSettings:
     """Settings of a node that evaluates both stations of a pair."""
 
-    first: str = parameter('', structural=True, description='name of one station')
-    second: str = parameter('', structural=True, description='name of the other')
+    first: str = parameter('', structural=True, description='name of the one station')
+    second: str = parameter(
+        '', structural=True, description='name of the other; several, separated by commas, where they take turns'
+    )
     first_source: str = parameter(
         'topic', choices=SWEEP_TOPICS, structural=True, description='how the sweeps of `first` come'
     )
     second_source: str = parameter(
         'compressed', choices=SWEEP_TOPICS, structural=True, description='how the sweeps of `second` come'
     )
+
+    @property
+    def seconds(self) -> tuple[str, ...]:
+        """Names of the other stations."""
+        return _names(self.second)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,13 +122,15 @@ def check_complete(settings: StationSettings) -> None:
 
 
 def check_pair(settings: PairStationSettings) -> None:
-    """Raise ConfigurationError where the names are not those of two stations."""
-    for parameter_name in ('first', 'second'):
-        name = getattr(settings, parameter_name)
-        if not name:
-            raise ConfigurationError(f'{parameter_name}: give the name of the station (parameters first and second)')
-        _check_name(parameter_name, name)
-    if settings.first == settings.second:
+    """Raise ConfigurationError where the names are not those of two stations or more."""
+    for parameter_name, names in (('first', (settings.first,)), ('second', settings.seconds or ('',))):
+        for name in names:
+            if not name:
+                raise ConfigurationError(
+                    f'{parameter_name}: give the name of the station (parameters first and second)'
+                )
+            _check_name(parameter_name, name)
+    if settings.first in settings.seconds:
         raise ConfigurationError(f"second: a pair needs two stations, both are '{settings.first}'")
 
 
@@ -135,3 +144,8 @@ def _check_name(parameter_name: str, name: str) -> None:
         raise ConfigurationError(
             f"{parameter_name}: '{name}' cannot be part of a topic's name: letters, digits and _, no digit first"
         )
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    """Return the names in a list separated by commas, each once."""
+    return tuple(dict.fromkeys(name.strip() for name in listed.split(',') if name.strip()))

@@ -234,15 +234,15 @@ def antenna_frame(station: str) -> str:
     return f'{station}_antenna'
 
 
-def run_for_stations(
+def run_named(
     node_class: type, stations: Mapping[str, str | None], config: str | None, ros_arguments: Sequence[str]
 ) -> int:
-    """Run a node under the names of the stations it is for; return the exit status.
+    """Run a node under the name of the station it is for; return the exit status.
 
     Args:
         node_class: as `drfmcw_ros.runner.run` takes it.
-        stations: parameters that name stations, in the order in which they make up the namespace, and the names given
-            on the command line, None for those that were not.
+        stations: parameters that name stations, the one that gives the namespace first, and the names given on the
+            command line, None for those that were not.
         config: ROS parameter file, None for none.
         ros_arguments: from --ros-args on.
 
@@ -260,8 +260,8 @@ def run_for_stations(
         if name is not None:
             extra += ['-p', f'{parameter}:={name}']
     assigned = dict(a.split(':=', 1) for a in [*ros_arguments, *extra] if ':=' in a)
-    given = [assigned.get(parameter, '').strip('"\'') for parameter in stations]
-    if '__ns' not in assigned and all(is_station_name(name) for name in given):
-        extra += ['-r', f'__ns:=/{"/".join(given)}']  # its nodes and services under its own name
+    name = assigned.get(next(iter(stations)), '').strip('"\'')
+    if '__ns' not in assigned and is_station_name(name):
+        extra += ['-r', f'__ns:=/{name}']  # its nodes and services under its own name
     arguments = ['--ros-args', *(a for a in ros_arguments if a not in ('--ros-args', '--')), *extra]
     return run(node_class, arguments)
