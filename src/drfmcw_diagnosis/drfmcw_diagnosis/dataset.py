@@ -236,25 +236,15 @@ class _Recording:
         self._calibrations: dict[str, History[Calibration]] = {}
         self._temperatures: dict[str, History[float]] = {}
         self._weather: dict[str, History[float]] = {}
-        readings = []
+        self._readings: list[tuple[int, float, float, str]] = []
+        self._combined: dict[tuple[int, ...], tuple[SweepSettings, ...]] = {}
         for topic, _, message in bag.messages({t for t in bag.topics if is_measured(t)} - set(self._sample_topics)):
-            _, name = split_station_topic(topic)
-            stamp = stamp_ns(message.header.stamp)
-            if is_weather(topic):
-                quantity, value = read_weather(topic, message)
-                if np.isfinite(value):
-                    self._weather.setdefault(quantity, History()).add(stamp, value)
-            elif topic in SITE_TOPICS:
-                readings.append((stamp, message.range, message.range_std, message.header.frame_id))
-            elif name == 'sweep_config':
-                sweep = from_message(message, SweepSettings)
-                self._settings.setdefault((sweep.station, sweep.peer), History()).add(stamp, sweep)
-            elif name == 'calibration':
-                calibration = from_message(message, Calibration)
-                self._calibrations.setdefault(calibration.station, History()).add(stamp, calibration)
-            elif name == 'status':
-                self._temperatures.setdefault(message.station, History()).add(stamp, float(message.temperature))
-        stamps, ranges, stds, frames = zip(*sorted(readings), strict=True) if readings else ((), (), (), ())
+            try:
+                self._take(topic, message)
+            except ConfigurationError as error:
+                raise BagError(f"{bag.path}: topic '{topic}': {error}") from None
+        readings = sorted(self._readings)
+        stamps, ranges, stds, frames = zip(*readings, strict=True) if readings else ((), (), (), ())
         self._reference = Reference(
             np.array(stamps, dtype=np.int64),
             np.array(ranges, dtype=float),
@@ -263,6 +253,26 @@ class _Recording:
         )
         self.missing: list[str] = []
 
+    def _take(self, topic: str, message: Any) -> None:
+        """Take in one message that is no sweep."""
+        name = split_station_topic(topic)[1]
+        stamp = stamp_ns(message.header.stamp)
+        if is_weather(topic):
+            quantity, value = read_weather(topic, message)
+            if np.isfinite(value):
+                self._weather.setdefault(quantity, History()).add(stamp, value)
+        elif topic in SITE_TOPICS:
+            if np.isfinite(message.range):
+                self._readings.append((stamp, message.range, message.range_std, message.header.frame_id))
+        elif name == 'sweep_config':
+            sweep = from_message(message, SweepSettings)
+            self._settings.setdefault((sweep.station, sweep.peer), History()).add(stamp, sweep)
+        elif name == 'calibration':
+            calibration = from_message(message, Calibration)
+            self._calibrations.setdefault(calibration.station, History()).add(stamp, calibration)
+        elif name == 'status':
+            self._temperatures.setdefault(message.station, History()).add(stamp, float(message.temperature))
+
     def _choose(self, pair: str | None) -> tuple[str, ...]:
         """Return the stations of the pair, in order of their roles."""
         counts: collections.Counter[tuple[str, ...]] = collections.Counter()
@@ -270,30 +280,29 @@ class _Recording:
             counts[tuple(sorted({message.station, message.peer}))] += 1
         if not counts:
             raise BagError(f'{self._bag.path}: holds not one message of IF samples')
-        names = {stations: '/'.join(self._ordered(stations)) for stations in counts}
+        names = {stations: '/'.join(order) for stations in counts if (order := self._ordered(stations))}
+        if not names:
+            needed = ' or '.join(sorted({f"'/{s}/sweep_config'" for stations in counts for s in stations}))
+            raise BagError(f'{self._bag.path}: no sweep settings of the stations that have samples: needs {needed}')
         if pair is None:
-            chosen = max(sorted(counts), key=lambda stations: counts[stations])
+            chosen = max(sorted(names), key=lambda stations: counts[stations])
             if len(counts) > 1:
-                others = ', '.join(sorted(n for s, n in names.items() if s != chosen))
+                others = ', '.join(sorted(names.get(s) or '/'.join(s) for s in counts if s != chosen))
                 self.missing.append(f'only the pair {names[chosen]} is looked at; the recording also holds {others}')
         else:
-            wanted = tuple(sorted(set(pair.split('/'))))
-            if wanted not in counts:
+            chosen = tuple(sorted(set(pair.split('/'))))
+            if chosen not in names:
                 raise BagError(f"{self._bag.path}: unknown pair '{pair}'{nearest(pair, sorted(names.values()))}")
-            chosen = wanted
         return tuple(dict.fromkeys(names[chosen].split('/')))
 
-    def _ordered(self, stations: tuple[str, ...]) -> tuple[str, str]:
-        """Return (first, second) of a pair's stations."""
+    def _ordered(self, stations: tuple[str, ...]) -> tuple[str, str] | None:
+        """Return (first, second) of a pair's stations, None where neither tells its settings."""
         one, other = stations[0], stations[-1]
         for own, peer in ((one, other), (other, one)):
             history = self._settings.get((own, peer))
             if history:
                 return (own, peer) if history.latest().role == Role.FIRST or own == peer else (peer, own)
-        raise BagError(
-            f"{self._bag.path}: no sweep settings of '{one}' for '{other}': needs '/{one}/sweep_config'"
-            + (f" or '/{other}/sweep_config'" if other != one else '')
-        )
+        return None
 
     def dataset(self, pair: str | None, progress: Callable[[int], None] | None) -> Dataset:
         """Return the sweeps of one pair; arguments and errors as `read_dataset`."""
@@ -304,12 +313,9 @@ class _Recording:
         heard = np.array([p[0].stamp for p in present])
         late = [0.0 if m[0] else self._settings_at(stations, m[1].stamp)[1].start_delay for m in matched]
         stamp = heard - np.rint(np.array(late) * 1e9).astype(np.int64)
-        sweeps: dict[str, tuple[SweepSettings, ...]] = {}
-        setting = []
-        for instant in heard:
-            settings = self._settings_at(stations, int(instant))
-            sweeps.setdefault(repr(settings), settings)  # NaN for what is unknown never equals itself
-            setting.append(list(sweeps).index(repr(settings)))
+        held = [self._settings_at(stations, int(instant)) for instant in heard]
+        sweeps = {repr(settings): settings for settings in dict.fromkeys(held)}  # unlike NaN, its name equals itself
+        numbers = {name: number for number, name in enumerate(sweeps)}
         self._say_what_is_missing(stations, of_station, list(sweeps.values()))
         reference = self._reference.of('/'.join((stations[0], stations[-1])))
         known = reference_at(reference, heard)
@@ -335,7 +341,7 @@ class _Recording:
             sweep_id=np.array([p[0].sweep_id for p in present]),
             stamp=stamp,
             sweeps=tuple(sweeps.values()),
-            setting=np.array(setting),
+            setting=np.array([numbers[repr(settings)] for settings in held]),
             calibration=tuple(self._calibration(s, int(stamp[0])) for s in stations),
             board_temperature=np.array([_held(self._temperatures.get(s), heard, np.nan) for s in stations]),
             **weather,
@@ -350,6 +356,14 @@ class _Recording:
         for station, peer in zip(stations, reversed(stations), strict=True):
             history = self._settings.get((station, peer))
             own.append(_holding(history, stamp) if history else None)
+        key = tuple(id(sweep) for sweep in own)
+        if key not in self._combined:
+            self._combined[key] = self._complete(stations, own)
+        return self._combined[key]
+
+    @staticmethod
+    def _complete(stations: tuple[str, ...], own: Sequence[SweepSettings | None]) -> tuple[SweepSettings, ...]:
+        """Return the settings of all stations from those told."""
         settings = []
         for sweep, other, station in zip(own, reversed(own), stations, strict=True):
             if sweep is None:

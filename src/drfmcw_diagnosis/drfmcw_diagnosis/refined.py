@@ -1,5 +1,6 @@
 """The simulator's configuration that reproduces a recording, with the effects that were found in it."""
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ FoundEffect = tuple[str, str | None, Mapping[str, float | Sequence[float]]]
 
 _MOVING = 4.0  # standard deviations from which on a group's velocity is more than the reference's noise
 _FEW = 4  # sweeps: a smaller group tells no scatter
+_ROUNDS = 4  # errors are small against the distance: each round leaves 1e-3 of what the one before left
 _SHORTEST_REPORT = 0.1  # interval of weather and status [s]
 
 
@@ -169,22 +171,39 @@ def _distances(
         if not abs(velocity) > _MOVING * float(dataset.velocity_std[start]):
             velocity = 0.0
         middle, time = float(np.mean(dataset.distance[rows])), float(np.mean(dataset.time[rows]))
+        ends = dataset.time[rows[[0, -1]]]
+        readings = middle + velocity * (ends - time)
         if np.isfinite(dataset.reference[rows]).all():
-            middle = _without_errors(of_reference, time, middle, velocity)
-        distances.append(max(middle - velocity * (time - float(dataset.time[start])), 0.0))
+            readings, velocity = _without_errors(of_reference, ends, readings, velocity)
+        distances.append(max(float(readings[0]), 0.0))
         steps.append(velocity * interval)
     return np.array(distances), np.array(steps)
 
 
-def _without_errors(effects: Sequence[Effect], time: float, reading: float, velocity: float) -> float:
-    """Return the distance [m] at which the reference, with the effects' errors, reads `reading` [m]."""
-    distance = reading
-    for _ in range(3):  # errors are small against the distance: each round leaves 1e-4 of what the one before left
-        at = distance
-        distance = reading - sum(
-            float(e.reference_error(time, at, lambda t, at=at: at + velocity * (t - time))) for e in effects
-        )
-    return distance
+def _without_errors(
+    effects: Sequence[Effect], times: np.ndarray, readings: np.ndarray, velocity: float
+) -> tuple[np.ndarray, float]:
+    """Return the distances (2,) [m] and the velocity at which the reference, with the effects' errors, reads so.
+
+    Args:
+        effects: that change what the reference reads.
+        times: of the first and the last sweep of a group (2,) [s].
+        readings: at these times (2,) [m].
+        velocity: their slope [m/s].
+    """
+    distances = readings
+    for _ in range(_ROUNDS if effects else 0):
+
+        def at(t: float, known: float, time: float, speed: float = velocity) -> float:
+            return known + speed * (t - time)
+
+        distances = readings - [
+            sum(float(e.reference_error(t, d, functools.partial(at, known=d, time=t))) for e in effects)
+            for t, d in zip(times.tolist(), distances.tolist(), strict=True)
+        ]
+        if velocity:
+            velocity = float(np.diff(distances)[0] / np.diff(times)[0])
+    return distances, velocity
 
 
 def _profile(dataset: Dataset, values: np.ndarray, pauses: np.ndarray) -> float | dict[str, list[float]]:
