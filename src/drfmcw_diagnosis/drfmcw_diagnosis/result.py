@@ -1,0 +1,183 @@
+"""What a diagnosis says; `as_object` gives the JSON of the interface."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+LEVELS = ('if_samples', 'if_spectrum', 'beat_frequency', 'amplitude', 'noise', 'range')
+"""Levels at which data and model are compared."""
+
+VERDICTS = ('consistent', 'explained', 'ambiguous', 'unexplained')
+"""What can come out."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """One parameter of an effect."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class FoundEffect:
+    """One effect of an explanation."""
+
+    effect: str
+    station: str | None
+    parameters: dict[str, Estimate]
+    log_evidence_gain: float  # by this effect, the others in place
+    p_value: float  # of a gain this large by chance, over all places searched
+    range_shift: float | None = None  # largest change of a range in this recording by it, with its sign [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Explanation:
+    """Effects that together explain the data, and how well."""
+
+    effects: tuple[FoundEffect, ...]
+    log_evidence_gain: float  # over no effect at all
+
+
+@dataclasses.dataclass(frozen=True)
+class Location:
+    """Where a mismatch sits."""
+
+    level: str
+    station: str | None
+    axis: str  # 'ramp_time' [s], 'if_frequency' [Hz], 'range' [m], 'time' [s], 'board_temperature' [degC], ...
+    start: float
+    end: float
+    share: float  # of the excess misfit
+
+
+@dataclasses.dataclass(frozen=True)
+class BeforeAfter:
+    """A figure without and with the explanation in the model."""
+
+    before: float
+    after: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """Misfit per degree of freedom, 1 when the model is right; range error against the reference where there is one."""
+
+    fitted: BeforeAfter
+    held_out: BeforeAfter
+    range_bias: BeforeAfter | None = None  # mean [m]
+    range_std: BeforeAfter | None = None  # [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Series:
+    """Residuals of one level and station along one axis, whitened or not, with the explanation's curve."""
+
+    level: str
+    station: str | None
+    axis: str
+    x: np.ndarray  # (n,)
+    residual: np.ndarray  # (n,) data minus nominal model
+    std: np.ndarray  # (n,) of each
+    curve: np.ndarray  # (n,) what the explanation adds to the model
+    unit: str  # of residual, std and curve
+    label: str  # in words, e.g. 'IF phase of master, mean over 336 sweeps'
+
+
+@dataclasses.dataclass(frozen=True)
+class MisfitMap:
+    """Misfit per degree of freedom over level x span, before and after."""
+
+    rows: tuple[str, ...]  # level and station
+    columns: tuple[str, ...]  # spans in words, or '' where a row has fewer
+    before: np.ndarray  # (rows, columns), NaN where there is nothing
+    after: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Separability:
+    """Smallest distance between what explanations predict, in standard deviations."""
+
+    names: tuple[str, ...]
+    distance: np.ndarray  # (n, n)
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """Everything a diagnosis found."""
+
+    recording: str
+    verdict: str
+    significance: float  # probability of a mismatch this large by chance, over all places searched
+    false_alarm_rate: float  # setting
+    locations: tuple[Location, ...]
+    explanation: Explanation | None
+    alternatives: tuple[Explanation, ...]
+    next_measurement: str | None
+    fit: Fit
+    refined_config: str | None
+    not_testable: tuple[str, ...]  # what could not be tested, and why, one sentence each
+    sentences: tuple[str, ...]  # the finding in plain words
+    series: tuple[Series, ...] = ()
+    misfit_map: MisfitMap | None = None
+    separability: Separability | None = None
+    sweeps_fitted: int | None = None
+    sweeps_held_out: int | None = None
+    command: str = ''  # that gave this diagnosis
+
+    def as_object(self) -> dict[str, Any]:
+        """Return a JSON-ready object, as docs and ../shared/interfaces describe it."""
+        return {
+            'verdict': self.verdict,
+            'significance': _known(self.significance),
+            'false_alarm_rate': self.false_alarm_rate,
+            'locations': [
+                {
+                    'level': x.level,
+                    'station': x.station,
+                    'axis': x.axis,
+                    'from': _known(x.start),
+                    'to': _known(x.end),
+                    'share': _known(x.share),
+                }
+                for x in self.locations
+            ],
+            'effects': [] if self.explanation is None else [_effect(e) for e in self.explanation.effects],
+            'alternatives': [
+                {'effects': [_effect(e) for e in a.effects], 'log_evidence_gain': _known(a.log_evidence_gain)}
+                for a in self.alternatives
+            ],
+            'next_measurement': self.next_measurement,
+            'fit': {
+                field.name: None
+                if (value := getattr(self.fit, field.name)) is None
+                else {'before': _known(value.before), 'after': _known(value.after)}
+                for field in dataclasses.fields(self.fit)
+            },
+            'sweeps': {'fitted': self.sweeps_fitted, 'held_out': self.sweeps_held_out},
+            'refined_config': self.refined_config,
+            'not_testable': list(self.not_testable),
+            'summary': list(self.sentences),
+        }
+
+
+def _effect(found: FoundEffect) -> dict[str, Any]:
+    parameters = {
+        name: {'value': _known(e.value), 'std': _known(e.std), 'unit': e.unit} for name, e in found.parameters.items()
+    }
+    return {
+        'effect': found.effect,
+        'station': found.station,
+        'parameters': parameters,
+        'log_evidence_gain': _known(found.log_evidence_gain),
+        'p_value': _known(found.p_value),
+        'range_shift': _known(found.range_shift),
+    }
+
+
+def _known(value: float | None) -> float | None:
+    """Return a plain number, or None for what JSON cannot say (NaN, infinite)."""
+    return None if value is None or not math.isfinite(value) else float(value)

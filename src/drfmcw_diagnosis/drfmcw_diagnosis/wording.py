@@ -1,0 +1,417 @@
+"""A diagnosis in plain sentences: numbers with sensible digits, effects as their own declarations describe them."""
+
+import dataclasses
+import math
+import re
+import sys
+
+import numpy as np
+
+from drfmcw_physics.settings import declared_parameters
+from drfmcw_sim.effects import Effect
+
+from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Location
+
+AXES = {
+    'ramp_time': ('time in the sweep', 's'),
+    'if_frequency': ('IF frequency', 'Hz'),
+    'range': ('distance', 'm'),
+    'time': ('time in the recording', 's'),
+    'board_temperature': ('board temperature', 'degC'),
+    'velocity': ('velocity', 'm/s'),
+}
+"""Axes of locations and series: {name: (in words, unit)}; others are shown by their names."""
+
+LEVEL_WORDS = {
+    'if_samples': 'IF signal',
+    'if_spectrum': 'IF spectrum',
+    'beat_frequency': 'beat frequency',
+    'amplitude': 'received amplitude',
+    'noise': 'noise',
+    'range': 'range',
+}
+
+_UNITS = {'1': '', '1e-6': '·10⁻⁶', 'm^2': 'm²', 'degC': '°C'}
+_PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the first that fits is taken
+    'Hz': ((1e9, 1e-9, 'GHz'), (1e6, 1e-6, 'MHz'), (1e4, 1e-3, 'kHz'), (1.0, 1.0, 'Hz'), (0.0, 1e3, 'mHz')),
+    's': ((1.0, 1.0, 's'), (1e-3, 1e3, 'ms'), (1e-6, 1e6, 'µs'), (0.0, 1e9, 'ns')),
+    'm': ((1.0, 1.0, 'm'), (0.0, 1e3, 'mm')),
+}
+_ACRONYMS = {'pll', 'tx', 'if'}
+_LISTED = 4  # rivals and locations that the sentences name; the tables hold all
+
+
+def scaled(magnitude: float, unit: str) -> tuple[float, str]:
+    """Return (factor, unit as shown) that suit a number as large as `magnitude` [unit]."""
+    for smallest, factor, shown in _PREFIXES.get(unit, ()):
+        if abs(magnitude) >= smallest:
+            return factor, shown
+    return 1.0, _UNITS.get(unit, unit)
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, without an exponent where it is of everyday size."""
+    if not math.isfinite(value):
+        return 'not known'
+    if value == 0.0:
+        return '0'
+    written = f'{value:.{digits - 1}e}'
+    exponent = int(written.partition('e')[2])
+    if not -5 < exponent < 7:
+        return written
+    return f'{round(value, digits - 1 - exponent):.{max(0, digits - 1 - exponent)}f}'
+
+
+def number(value: float, unit: str, digits: int = 3, sign: bool = False) -> str:
+    """Return a number with its unit, scaled."""
+    factor, shown = scaled(value, unit)
+    return f'{"+" if sign and value > 0.0 else ""}{plain(value * factor, digits)}{_gap(shown)}'
+
+
+def quantity(value: float, std: float, unit: str) -> str:
+    """Return 'value ± std unit': the std with one digit, or two where it begins with 1 or 2; the value as fine."""
+    if not math.isfinite(std) or std <= 0.0:
+        return f'{number(value, unit, 4)} (uncertainty not known)'
+    factor, shown = scaled(max(abs(value), std), unit)
+    value, std = value * factor, std * factor
+    exponent = math.floor(math.log10(std))
+    decimals = -exponent + (float(f'{std:.1e}') < 3.0 * 10.0**exponent)
+    if decimals > 9 or exponent > 6:
+        return f'{value:.6g} ± {std:.2g} {shown}'.strip()
+    places = max(0, decimals)
+    text = f'{round(value, decimals):.{places}f} ± {round(std, decimals):.{places}f}'
+    return f'({text}){shown}' if shown.startswith('·') else f'{text}{_gap(shown)}'
+
+
+def _gap(unit: str) -> str:
+    return f' {unit}' if unit and not unit.startswith('·') else unit
+
+
+def misfit(value: float) -> str:
+    """Return a misfit per degree of freedom."""
+    return f'{value:.2f}' if abs(value) < 9.995 else plain(value, 3)
+
+
+def share(value: float) -> str:
+    """Return a share in per cent."""
+    if not math.isfinite(value):
+        return 'not known'
+    percent = 100.0 * value
+    return 'less than 1 %' if 0.0 < percent < 0.5 else f'{percent:.0f} %'
+
+
+def chance(probability: float) -> str:
+    """Return a probability as '43 of 100 recordings' or '1 of 10 000 recordings'."""
+    if not math.isfinite(probability):
+        return 'an unknown share of recordings'
+    if probability < 1e-6:
+        return 'fewer than 1 of a million recordings'
+    if probability >= 0.095:
+        return f'{100.0 * probability:.0f} of 100 recordings'
+    return f'1 of {_grouped(1.0 / probability)} recordings'
+
+
+def odds(log_gain: float) -> str:
+    """Return exp(log_gain) as 'equally', '3.2 times as' or 'more than a million times as'."""
+    if log_gain < 0.1:
+        return 'equally'
+    if log_gain > math.log(1e6):
+        return 'more than a million times as'
+    ratio = math.exp(log_gain)
+    return f'{ratio:.1f} times as' if ratio < 10.0 else f'{_grouped(ratio)} times as'
+
+
+def _grouped(value: float) -> str:
+    """Return a whole number with two significant digits, in groups of three."""
+    if value >= 100.0:
+        value = round(value, 1 - math.floor(math.log10(value)))
+    text = f'{value:,.0f}'
+    return text.replace(',', ' ') if value >= 10_000 else text.replace(',', '')
+
+
+def span(location: Location) -> str:
+    """Return where a location lies on its axis, e.g. 'time in the sweep 0.10 to 0.95 ms'."""
+    name, unit = axis(location.axis)
+    if not (math.isfinite(location.start) and math.isfinite(location.end)):
+        return f'over all of the {name}'
+    factor, shown = scaled(max(abs(location.start), abs(location.end)), unit)
+    start, end = location.start * factor, location.end * factor
+    if end <= start:
+        return f'{name} {plain(start)}{_gap(shown)}'
+    decimals = max(0, 1 - math.floor(math.log10(end - start)))
+    return f'{name} {start:.{decimals}f} to {end:.{decimals}f}{_gap(shown)}'
+
+
+def axis(name: str) -> tuple[str, str]:
+    """Return (words, unit) of an axis."""
+    return AXES.get(name, (name.replace('_', ' '), ''))
+
+
+def place(level: str, station: str | None) -> str:
+    """Return level and station in words, e.g. 'IF signal of master'."""
+    words = LEVEL_WORDS.get(level, level.replace('_', ' '))
+    return f'{words} of {station}' if station else words
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterWords:
+    """One parameter of an effect as shown."""
+
+    name: str
+    size: str  # with standard deviation and unit
+    description: str  # '' where the one before it has the same
+
+
+@dataclasses.dataclass(frozen=True)
+class EffectWords:
+    """One effect as shown, from its declarations."""
+
+    title: str  # 'sweep ripple at master'
+    headline: str  # 'the ramp ripples'
+    description: str  # sentences
+    formula: str
+    parameters: tuple[ParameterWords, ...]
+
+
+def effect_words(found: FoundEffect) -> EffectWords:
+    """Describe an effect of an explanation by the docstrings and declarations of its class.
+
+    Raises:
+        KeyError: the registry has no such effect, or it no such parameter.
+    """
+    cls = Effect.registry[found.effect]
+    declared = declared_parameters(cls)
+    parameters, seen = [], set()
+    for name, estimate in found.parameters.items():
+        base = re.sub(r'\[\d+\]$', '', name)
+        size = quantity(estimate.value, estimate.std, estimate.unit)
+        description = '' if base in seen else declared[base][1].description
+        seen.add(base)
+        parameters.append(ParameterWords(name.replace('_', ' '), size, description))
+    headline = _first_sentence(sys.modules[cls.__module__].__doc__)
+    return EffectWords(
+        effect_title(found),
+        headline[0].lower() + headline[1:].rstrip('.'),
+        ' '.join(str(cls.__doc__).split()),
+        cls.formula,
+        tuple(parameters),
+    )
+
+
+def effect_title(found: FoundEffect) -> str:
+    """Return name and place of an effect, e.g. 'sweep ripple at master'."""
+    name = ' '.join(w.upper() if w in _ACRONYMS else w for w in found.effect.split('_'))
+    if found.station:
+        return f'{name} at {found.station}'
+    return {'station': f'{name} at all stations', 'path': f'{name} on the path'}.get(
+        Effect.registry[found.effect].of, name
+    )
+
+
+def explanation_title(explanation: Explanation) -> str:
+    """Return the titles of an explanation's effects, joined."""
+    return ' + '.join(map(effect_title, explanation.effects)) or 'nothing added'
+
+
+def effect_sentence(found: FoundEffect) -> str:
+    """Return what an effect is, where, how large, and what it does to the range."""
+    words = effect_words(found)
+    sizes = ', '.join(f'{p.name} {p.size}' + (f' ({p.description})' if p.description else '') for p in words.parameters)
+    text = f'{capital(words.title)}: {words.headline}. {_first_sentence(words.description)}'
+    if sizes:
+        text += f' {capital(sizes)}.'
+    if found.range_shift is not None:
+        text += f' In this recording it changes the range by up to {millimetres(found.range_shift)[0]}.'
+    return text
+
+
+def millimetres(*values: float, sign: bool = True) -> list[str]:
+    """Return lengths in mm, all with the same decimals; in m where one is 10 m or more."""
+    largest = max(map(abs, values))
+    if not largest < 10.0:
+        return [number(value, 'm', sign=sign) for value in values]
+    texts = [f'{1e3 * value:{"+" if sign else ""}.{2 if largest < 1e-3 else 1}f}' for value in values]
+    return [f'{text.lstrip("+-") if float(text) == 0.0 else text} mm' for text in texts]
+
+
+def capital(text: str) -> str:
+    """Return the text with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
+
+def _first_sentence(text: str | None) -> str:
+    return re.split(r'(?<=[.])\s+(?=[A-Z])', ' '.join(str(text).split()), maxsplit=1)[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class Paragraph:
+    """Sentences under a heading."""
+
+    heading: str
+    sentences: tuple[str, ...]
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Return the verdict in one line."""
+    if diagnosis.verdict == 'consistent':
+        return 'The model explains this recording'
+    if diagnosis.verdict == 'unexplained':
+        return 'There is a mismatch, and no known effect accounts for it'
+    if diagnosis.verdict == 'ambiguous':
+        return 'There is a mismatch, and several explanations fit it alike'
+    return capital(_explained(diagnosis).replace(' + ', ' and '))
+
+
+def _explained(diagnosis: Diagnosis) -> str:
+    return explanation_title(diagnosis.explanation) if diagnosis.explanation else 'nothing added'
+
+
+def paragraphs(diagnosis: Diagnosis) -> tuple[Paragraph, ...]:
+    """Return the finding in plain sentences, in the order in which one asks."""
+    parts = [
+        Paragraph('Finding', tuple(_finding(diagnosis))),
+        Paragraph('Where', tuple(_where(diagnosis))),
+        Paragraph('How sure', tuple(_certainty(diagnosis))),
+        Paragraph('Fit', tuple(_fit(diagnosis))),
+        Paragraph('Range', tuple(_range(diagnosis))),
+        Paragraph('Rivals', tuple(_rivals(diagnosis))),
+        Paragraph('Next', tuple(_next(diagnosis))),
+        Paragraph('Not tested', tuple(map(_closed, diagnosis.not_testable))),
+    ]
+    said = {sentence for part in parts for sentence in part.sentences}
+    parts.append(Paragraph('Also', tuple(s for s in diagnosis.sentences if s not in said)))
+    return tuple(part for part in parts if part.sentences)
+
+
+def sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the finding in plain sentences; those that the diagnosis holds already come last if they say more."""
+    return tuple(sentence for part in paragraphs(diagnosis) for sentence in part.sentences)
+
+
+def _finding(diagnosis: Diagnosis) -> list[str]:
+    effects = diagnosis.explanation.effects if diagnosis.explanation else ()
+    if diagnosis.verdict == 'consistent':
+        return ['The recording is what the model predicts: no mismatch beyond chance.']
+    if diagnosis.verdict == 'unexplained':
+        said = ['There is a mismatch, and nothing in the registry of effects accounts for it.']
+        if effects:
+            said.append(f'The best that was found, {_explained(diagnosis)}, does not remove it.')
+        return said
+    if diagnosis.verdict == 'ambiguous':
+        said = [
+            'There is a mismatch. Several explanations fit it alike, and this recording cannot tell them apart. '
+            'The most probable one first.'
+        ]
+    elif len(effects) == 1:
+        said = ['There is a mismatch, and one effect accounts for it.']
+    else:
+        said = [f'There is a mismatch, and {len(effects)} effects together account for it.']
+    said += map(effect_sentence, effects)
+    shift = range_change(diagnosis)
+    if shift and all(e.range_shift is None for e in effects):
+        said.append(f'In this recording that changes the range by up to {millimetres(shift)[0]}.')
+    return said
+
+
+def range_change(diagnosis: Diagnosis) -> float | None:
+    """Return the largest change of a range by the explanation, with its sign [m]; None where no series tells."""
+    curves = [s.curve for s in diagnosis.series if s.level == 'range' and s.unit == 'm' and np.isfinite(s.curve).any()]
+    if not curves:
+        return None
+    curve = np.concatenate(curves)
+    return float(curve[np.nanargmax(np.abs(curve))])
+
+
+def _where(diagnosis: Diagnosis) -> list[str]:
+    if diagnosis.verdict == 'consistent' or not diagnosis.locations:
+        return []
+    ordered = sorted(diagnosis.locations, key=lambda x: -x.share)
+    said = [f'{place(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[:_LISTED]]
+    more = len(ordered) - len(said)
+    end = f'; {_count(more, "smaller place")} more' if more else ''
+    return [f'Where the excess misfit sits: {"; ".join(said)}{end}.']
+
+
+def _certainty(diagnosis: Diagnosis) -> list[str]:
+    largest = 'the largest one here' if diagnosis.verdict == 'consistent' else 'this'
+    said = [
+        f'By chance a mismatch as large as {largest} appears in {chance(diagnosis.significance)}, '
+        'counting every place that was searched.',
+        f'The alarm is set so that {chance(diagnosis.false_alarm_rate)} in which nothing is wrong raise it.',
+    ]
+    effects = diagnosis.explanation.effects if diagnosis.explanation else ()
+    if len(effects) > 1:
+        said += [
+            f'{capital(effect_title(e))} alone, the others in place: {odds(e.log_evidence_gain)} probable with it as '
+            f'without; by chance in {chance(e.p_value)}.'
+            for e in effects
+        ]
+    return said
+
+
+def _fit(diagnosis: Diagnosis) -> list[str]:
+    held_out = diagnosis.fit.held_out
+    on = 'the sweeps kept out of the fit'
+    if diagnosis.sweeps_fitted is not None and diagnosis.sweeps_held_out is not None:
+        on += f' ({diagnosis.sweeps_held_out} of {diagnosis.sweeps_fitted + diagnosis.sweeps_held_out})'
+    ideal = '1 when the model is right'
+    if not math.isfinite(held_out.before):
+        return []
+    if diagnosis.explanation is None:
+        return [f'Misfit per degree of freedom on {on}: {misfit(held_out.before)}; {ideal}.']
+    return [f'Misfit per degree of freedom on {on}: {_change(held_out)}; {ideal}.']
+
+
+def _change(figure: BeforeAfter) -> str:
+    return f'{misfit(figure.before)} without the explanation, {misfit(figure.after)} with it'
+
+
+def _range(diagnosis: Diagnosis) -> list[str]:
+    said = []
+    for name, figure, sign in (
+        ('mean error', diagnosis.fit.range_bias, True),
+        ('scatter', diagnosis.fit.range_std, False),
+    ):
+        if figure is not None:
+            before, after = millimetres(figure.before, figure.after, sign=sign)
+            with_it = f' without the explanation, {after} with it' if diagnosis.explanation else ''
+            said.append(f'{name} {before}{with_it}')
+    return [f'Range against the reference: {"; ".join(said)}.'] if said else []
+
+
+def _rivals(diagnosis: Diagnosis) -> list[str]:
+    if diagnosis.explanation is None or not diagnosis.alternatives:
+        return []
+    best = diagnosis.explanation.log_evidence_gain
+    if diagnosis.verdict == 'explained':
+        rival = diagnosis.alternatives[0]
+        return [
+            f'The next best explanation is {explanation_title(rival)}; the one above is '
+            f'{odds(best - rival.log_evidence_gain)} probable.'
+        ]
+    shown = diagnosis.alternatives[:_LISTED]
+    said = [
+        f'It could also be {_rival(rival)}; the first one is {odds(best - rival.log_evidence_gain)} probable.'
+        for rival in shown
+    ]
+    more = len(diagnosis.alternatives) - len(shown)
+    return [*said, f'{_count(more, "further explanation")} also possible.'] if more else said
+
+
+def _rival(explanation: Explanation) -> str:
+    return ' with '.join(
+        f'{effect_title(e)} ({", ".join(f"{p.name} {p.size}" for p in effect_words(e).parameters)})'
+        for e in explanation.effects
+    )
+
+
+def _next(diagnosis: Diagnosis) -> list[str]:
+    return [f'What would decide: {_closed(diagnosis.next_measurement)}'] if diagnosis.next_measurement else []
+
+
+def _count(n: int, noun: str) -> str:
+    return f'{n} {noun}' + ('' if n == 1 else 's')
+
+
+def _closed(sentence: str) -> str:
+    return sentence if sentence.endswith(('.', '!', '?')) else f'{sentence}.'
