@@ -34,6 +34,8 @@ _PAUSE = 2.0  # a longer one, and one of more than five intervals, between sweep
 _FASTEST = 10.0  # a faster change of the reference is another distance, not a drive [m/s]
 _STILL = 0.05  # by which a standing crane's reference may change beyond its noise [m]
 _PEAK = 8.0  # largest difference within one group of readings, in standard deviations of the reference
+_BENT = 4.0  # standard deviations from which on an acceleration is more than noise
+_SMALLEST = 6  # sweeps of a driving crane's group that is not cut further
 _STEADY = 60.0  # weather and temperatures count as steady for so long [s]
 _PAIRING = 1.0  # largest difference of both stations' stamps of one sweep [s]
 _FAR = 1.0  # a delay at which the sign of a beat frequency is beyond doubt [s]
@@ -121,7 +123,7 @@ class Dataset:
         """Number of the group of consecutive sweeps that share settings and conditions, (n,).
 
         A new one begins with new settings, after a pause, where the distance jumps, and every minute. Sweeps of a
-        driving crane are taken together by `GROUP` at most.
+        driving crane are taken together by `GROUP` at most, by fewer where it accelerates.
         """
         std = self.reference_std
         if not np.isfinite(self.reference).all():
@@ -508,18 +510,35 @@ def _groups(setting: np.ndarray, time: np.ndarray, distance: np.ndarray, std: np
     """Return the number of each sweep's group, (n,); arguments (n,), `std` of the distances."""
     step = np.diff(time)
     pause = max(_PAUSE, 5.0 * float(np.median(step))) if len(step) else _PAUSE
-    still = _STILL + _PEAK * _noise(distance, std)
+    noise = _noise(distance, std)
+    still = _STILL + _PEAK * noise
     new = (np.diff(setting) != 0) | (step > pause) | (np.abs(np.diff(distance)) > _FASTEST * step + still)
     group = np.empty(len(time), int)
     number = 0
     for run in np.split(np.arange(len(time)), np.flatnonzero(new) + 1):
         parts = min(int((time[run[-1]] - time[run[0]]) / _STEADY) + 1, max(len(run) // GROUP, 1))
-        if np.ptp(distance[run]) > still:
+        drives = np.ptp(distance[run]) > still
+        if drives:
             parts = max(parts, -(-len(run) // GROUP))
         for part in np.array_split(run, parts):
-            group[part] = number
-            number += 1
+            for piece in _steady(part, time, distance, noise) if drives else [part]:
+                group[piece] = number
+                number += 1
     return group
+
+
+def _steady(rows: np.ndarray, time: np.ndarray, distance: np.ndarray, noise: float) -> list[np.ndarray]:
+    """Return the rows in pieces, halved until the speed is steady in each as far as the `noise` [m] of distances shows.
+
+    Otherwise one velocity would not hold for a whole group of a crane that accelerates.
+    """
+    if len(rows) < 2 * _SMALLEST:
+        return [rows]
+    bend = np.polynomial.legendre.Legendre.fit(time[rows], distance[rows], 2).coef[2]
+    # the coefficient's variance is that of the mean times 5; its polynomial reaches 1 at the ends
+    if abs(bend) <= _BENT * noise * np.sqrt(5.0 / len(rows)):
+        return [rows]
+    return [piece for half in np.array_split(rows, 2) for piece in _steady(half, time, distance, noise)]
 
 
 def _noise(distance: np.ndarray, std: np.ndarray) -> float:
