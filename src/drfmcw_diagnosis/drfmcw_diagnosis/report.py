@@ -13,7 +13,7 @@ import yaml
 from markupsafe import Markup, escape
 
 from . import plots, wording
-from .result import BeforeAfter, Diagnosis, Explanation, Separability, Series
+from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
 PANELS = 6
 """Series shown at most at once, those with the largest excess misfit; the others are folded away."""
@@ -82,7 +82,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         configuration: text of the refined simulator configuration, shown folded where given.
     """
     explained = diagnosis.explanation is not None
-    effects = diagnosis.explanation.effects if explained else ()
+    effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     ranges = _range_series(diagnosis.series)
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
     panels = [_panel(s, diagnosis) for s in others[:MOST]]
@@ -110,7 +110,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         ],
         command=diagnosis.command or f'./drfmcw diagnose {shlex.quote(diagnosis.recording)}',
         simulate=diagnosis.refined_config and f'./drfmcw simulate {shlex.quote(diagnosis.refined_config)} --out again',
-        entries=_entries(diagnosis.explanation) if effects else '',
+        entries=_entries(effects) if effects else '',
         configuration=configuration,
         keep=_keep_together,
     )
@@ -225,18 +225,18 @@ def _cells(separability: Separability) -> list[tuple[str, list[Cell]]]:
     return rows
 
 
-def _entries(explanation: Explanation) -> str:
+def _entries(effects: Sequence[FoundEffect]) -> str:
     """Return the lines of a scenario that switch the effects on."""
     entries = []
-    for found in explanation.effects:
+    for found in effects:
         entry: dict = {'effect': found.effect} | ({'station': found.station} if found.station else {})
         for name, estimate in found.parameters.items():
-            base, listed = re.fullmatch(r'(.*?)(\[\d+\])?', name, re.DOTALL).groups()
+            base = wording.parameter_name(name)
             value = _digits(estimate.value, estimate.std)
-            if listed:
-                entry.setdefault(base, []).append(value)
-            else:
+            if base == name:
                 entry[name] = value
+            else:
+                entry.setdefault(base, []).append(value)
         entries.append(entry)
     return yaml.safe_dump({'effects': entries}, sort_keys=False, default_flow_style=None, width=100)
 

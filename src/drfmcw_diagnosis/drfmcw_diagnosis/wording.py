@@ -183,7 +183,7 @@ def effect_words(found: FoundEffect) -> EffectWords:
     declared = declared_parameters(cls)
     parameters, seen = [], set()
     for name, estimate in found.parameters.items():
-        base = re.sub(r'\[\d+\]$', '', name)
+        base = parameter_name(name)
         size = quantity(estimate.value, estimate.std, estimate.unit)
         description = '' if base in seen else declared[base][1].description
         seen.add(base)
@@ -196,6 +196,11 @@ def effect_words(found: FoundEffect) -> EffectWords:
         cls.formula,
         tuple(parameters),
     )
+
+
+def parameter_name(name: str) -> str:
+    """Return the declared name of a parameter, 'velocity' for the 'velocity[3]' of a list."""
+    return re.sub(r'\[\d+\]$', '', name)
 
 
 def effect_title(found: FoundEffect) -> str:
