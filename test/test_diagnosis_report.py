@@ -119,6 +119,7 @@ def misfit_map(rng, excess, explained=True, stations=('master', 'slave')):
 
 def many_series(rng):
     return (
+        ramp_series('slave', np.zeros_like, rng),
         amplitude_series('master', rng),
         amplitude_series('slave', rng),
         spectrum_series('master', rng),
@@ -139,7 +140,6 @@ def made(verdict='explained', effects=(RIPPLE,), alternatives=(), more=lambda rn
         return 1.3e-3 + 1.16e-5 * x if mismatch else np.zeros_like(x)
 
     series = (
-        ramp_series('slave', np.zeros_like, rng),
         ramp_series('master', phase, rng),
         range_series(error, rng),
         *more(rng),
@@ -395,7 +395,7 @@ def test_names_are_escaped():
         diagnosis,
         recording=f'a b/{name}',
         locations=(Location('if_samples', name, 'ramp_time', 1e-5, 9e-4, 1.0),),
-        series=(dataclasses.replace(diagnosis.series[1], station=name, label=f'IF phase of {name}'),),
+        series=(dataclasses.replace(diagnosis.series[0], station=name, label=f'IF phase of {name}'),),
         not_testable=(f'{name} is odd',),
         misfit_map=dataclasses.replace(diagnosis.misfit_map, rows=(name, *diagnosis.misfit_map.rows[1:])),
     )
@@ -414,14 +414,14 @@ def test_same_diagnosis_gives_the_same_page():
 
 def test_odd_numbers_still_make_a_page():
     diagnosis = CASES['explained']
-    hole = np.where(np.arange(240) % 7 == 0, np.nan, diagnosis.series[1].residual)
+    hole = np.where(np.arange(240) % 7 == 0, np.nan, diagnosis.series[0].residual)
     Page(
         render_html(
             dataclasses.replace(
                 diagnosis,
                 fit=Fit(BeforeAfter(math.nan, math.nan), BeforeAfter(math.nan, math.nan)),
                 series=(
-                    dataclasses.replace(diagnosis.series[1], residual=hole),
+                    dataclasses.replace(diagnosis.series[0], residual=hole),
                     dataclasses.replace(diagnosis.series[0], std=np.zeros(240)),
                     ramp_series('slave', np.zeros_like, np.random.default_rng(1), 0),
                 ),
