@@ -1,0 +1,332 @@
+"""Matched signal-to-noise of a concealed effect, and its parameter for a wanted one.
+
+d^2 is the sum over all sweeps and samples of the squared noise-whitened change of the data. What each sweep has of its
+own (amplitude and phase of each station, start delay) and the distance, which only the reference knows, are taken out
+first: they are fitted by generalised least squares in the thermal and phase noise of the pair, in which the sum of both
+stations' phases is quieter than their difference. What the fit takes as distance is judged against the reference and
+its noise, what it takes as amplitude against the scatter of the sweeps' amplitudes. Changes of the noise itself are
+counted by the spread of its spectral powers.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from .effects import KINDS, Applied, conceal
+from .generator import (
+    FIRST,
+    SECOND,
+    SPEED_OF_LIGHT,
+    Condition,
+    Scene,
+    Stream,
+    clean,
+    digitise,
+    nominal,
+    phase_noise_density,
+    receive,
+)
+
+_AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # places of the nuisances
+_ABSENT = 1.0  # [1/Hz] noise density of a side-band that a real IF does not have
+_NEPER = 20.0 / math.log(10.0)  # [dB]
+
+
+@dataclasses.dataclass(frozen=True)
+class MatchedSize:
+    """Matched signal-to-noise of an effect by the level at which it shows; `total` is the root of their squares' sum.
+
+    `phase` (carrier phase sum from sweep to sweep) and `balance` (amplitude of one station against the other) are
+    further information that the definition of d does not count.
+    """
+
+    shape: float  # phase and amplitude over the sweep
+    range: float
+    amplitude: float  # both stations together, against the scatter
+    noise: float
+    phase: float
+    balance: float
+
+    @property
+    def total(self) -> float:
+        """The matched signal-to-noise d."""
+        return math.sqrt(self.shape**2 + self.range**2 + self.amplitude**2 + self.noise**2)
+
+    def as_object(self) -> dict[str, float]:
+        """Return a JSON-ready object."""
+        return {'total': self.total, **dataclasses.asdict(self)}
+
+
+def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance of both stations' side-bands at one row, and which of them exist.
+
+    Lines stand where they are in `scene`, with the noise of `noisy`.
+
+    At each offset f > 0 from the lines, the relative changes g_i of the signals have the side-bands G_1(f), G_1*(-f),
+    G_2(f), G_2*(-f): covariance [samples / 2, 4, 4], existence [samples / 2, 4].
+    """
+    c = scene.condition
+    count, rate = c.sample_count, c.sample_rate
+    offset = np.arange(count // 2) * (rate / count)
+    one = np.array([row])
+    flight, start = _flight(scene, one)[0], scene.start_delay[row]
+    density = [phase_noise_density(offset, *noisy.oscillators[s]) for s in (FIRST, SECOND)]
+    omega = 2.0 * math.pi * offset
+    cross = -density[0] * np.exp(1j * omega * (flight - start)) - density[1] * np.exp(-1j * omega * (flight + start))
+    phase = np.empty((count // 2, 2, 2), complex)
+    phase[:, 0, 0] = phase[:, 1, 1] = density[0] + density[1]
+    phase[:, 0, 1], phase[:, 1, 0] = cross, np.conj(cross)
+    bands = np.zeros((4, 2), complex)  # of the phase noise of each station
+    bands[0, 0], bands[1, 0], bands[2, 1], bands[3, 1] = 1j, -1j, 1j, -1j
+    relative = np.empty((count // 2, 4), complex)  # response of the IF path, relative to that at the line
+    thermal = np.empty((count // 2, 4))
+    present = np.empty((count // 2, 4), bool)
+    for s in (FIRST, SECOND):
+        line = _line(scene, s, one)[0]
+        density_here = noisy.noise_std(s)[row] ** 2 / rate / scene.amplitude(s, one)[0] ** 2
+        for i, side in ((2 * s, 1.0), (2 * s + 1, -1.0)):
+            frequency = np.sign(line) * (line + side * offset)
+            present[:, i] = (frequency > -0.5 * rate / count) & (frequency < 0.5 * rate)
+            gain = np.ones(count // 2, complex)
+            for response in noisy.responses[s]:
+                gain = gain * response(np.abs(frequency)) / response(abs(line))
+            relative[:, i] = gain if side > 0 else np.conj(gain)
+            thermal[:, i] = 4.0 * density_here
+    covariance = np.einsum('ij,fjk,lk->fil', bands, phase, np.conj(bands))
+    covariance[:, np.arange(4), np.arange(4)] += thermal
+    covariance *= relative[:, :, None] * np.conj(relative[:, None, :])
+    both = present[:, :, None] & present[:, None, :]
+    covariance = np.where(both, covariance, 0.0)
+    covariance[:, np.arange(4), np.arange(4)] += np.where(present, 0.0, _ABSENT)
+    return covariance, present
+
+
+def _flight(scene: Scene, rows: np.ndarray) -> np.ndarray:
+    far = scene.range_at(rows, scene.time[rows])
+    return scene.delay[rows] + (1.0 + 1e-6 * scene.refractivity[rows]) / SPEED_OF_LIGHT * far
+
+
+def _line(scene: Scene, station: int, rows: np.ndarray) -> np.ndarray:
+    """Return the signed IF of a station's line [rows] [Hz]."""
+    c = scene.condition
+    start = scene.start_delay[rows] * (1.0 if station == FIRST else -1.0)
+    apart = scene.alpha[station, rows] - scene.alpha[1 - station, rows]
+    return c.chirp_rate * (_flight(scene, rows) + start) + c.start_frequency * apart
+
+
+def _bands(g: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the side-bands [rows, samples / 2, 4] of relative changes [rows, samples] of both stations."""
+    result = []
+    for one in g:
+        spectrum = np.fft.fft(one)
+        half = one.shape[1] // 2
+        below = np.conj(np.roll(spectrum[:, ::-1], 1, axis=1)[:, :half])
+        result += [spectrum[:, :half], below]
+    return np.stack(result, axis=2)
+
+
+def _relative(change: np.ndarray, carrier: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """Return the relative change g of analytic signals, from one of real samples; zero where the carrier is off."""
+    count = change.shape[1]
+    spectrum = np.fft.fft(change)
+    turning = np.sum(carrier[:, 1:] * np.conj(carrier[:, :-1]), axis=1)
+    positive = np.angle(turning) > 0.0
+    frequency = np.arange(count)
+    upper = 2.0 * ((frequency > 0) & (frequency < count // 2))
+    lower = 2.0 * (frequency > count // 2)
+    upper[0] = lower[0] = math.sqrt(2.0)  # a constant has one side-band: its energy is counted alike
+    analytic = np.fft.ifft(spectrum * np.where(positive[:, None], upper, lower))
+    return np.where(on, analytic / np.where(on, carrier, 1.0), 0.0)
+
+
+def _changes(before: Scene, after: Scene, rows: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
+    """Return the relative changes of both stations under two realisations of the noise, and where signals are on."""
+    first, again, supports = [], [], []
+    for s in (FIRST, SECOND):
+        old, new = clean(before, s, rows), clean(after, s, rows)
+        on = (old != 0.0) & (new != 0.0)
+        ratio = np.where(on, new / np.where(on, old, 1.0), 1.0)
+        smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
+        smooth = np.where(on, smooth, 0.0)
+        pair = [smooth, smooth]
+        if after.analogue[s] or after.digital[s]:
+            for i in (0, 1):
+                random = before.stream(Stream.EFFECT, 99, i, s, int(rows[0]))
+                noise = random.standard_normal(new.shape) * before.noise_std(s)[rows, None]
+                changed = receive(after, s, rows, new.real, noise)
+                plain = receive(dataclasses.replace(after, analogue=([], [])), s, rows, new.real, noise)
+                if after.digital[s]:
+                    changed, plain = digitise(after, s, rows, changed), digitise(before, s, rows, plain)
+                pair[i] = smooth + _relative(changed.astype(float) - plain, new, on)
+        first.append(pair[0])
+        again.append(pair[1])
+        supports.append(on)
+    return first, again, np.array(supports)
+
+
+def _templates(scene: Scene, supports: np.ndarray) -> np.ndarray:
+    """Return the side-bands of the nuisances [rows, 6, samples / 2, 4]."""
+    c = scene.condition
+    count = c.sample_count
+    slope = 2j * math.pi * c.chirp_rate * (np.arange(count) - 0.5 * count) / c.sample_rate
+    on = supports.astype(complex)
+    nothing = np.zeros_like(on[0])
+    pairs = [
+        (on[0], nothing),
+        (nothing, on[1]),
+        (1j * on[0], nothing),
+        (nothing, 1j * on[1]),
+        (slope * on[0], -slope * on[1]),
+        (slope * on[0], slope * on[1]),
+    ]
+    return np.stack([_bands(p) for p in pairs], axis=1)
+
+
+def matched_size(
+    condition: Condition, effects: Sequence[Applied], background: Sequence[Applied] = (), most: int = 4
+) -> MatchedSize:
+    """Return the matched signal-to-noise of effects.
+
+    Args:
+        condition: of the recording.
+        effects: concealed in it.
+        background: others, which are there before and after.
+        most: sweeps computed of each setting; the others are taken to be like them.
+    """
+    before = conceal(nominal(condition), background)
+    bursts = conceal(nominal(condition), effects).burst_power
+    coherent = [e for e in effects if e.effect != 'interference_burst']
+    after = conceal(conceal(nominal(condition), background), coherent)
+    nothing_heard = not any((after.analogue[s] or after.digital[s]) for s in (FIRST, SECOND))
+    noise = shape = ranging = amplitude = phase = balance = 0.0
+    reference = after.reference() - before.reference()  # the nominal model takes a reading for the distance
+    for setting in range(len(condition.distances)):
+        everything = np.flatnonzero(before.setting == setting)
+        rows = everything[np.unique(np.linspace(0, len(everything) - 1, most).astype(int))]
+        weight = len(everything) / len(rows)
+        covariance, present = _covariance(before, int(rows[0]), before)
+        noise += len(everything) * _spectral(covariance, _covariance(before, int(rows[0]), after)[0], present)
+        precision = 2.0 * np.linalg.inv(covariance) * (present[:, :, None] & present[:, None, :])
+        precision /= condition.sample_rate * condition.sample_count  # densities of transforms of `sample_count`
+        precision[0] *= 0.5
+        first, again, supports = _changes(before, after, rows)
+        q = _bands(first)
+        other = q if nothing_heard else _bands(again)
+        templates = _templates(before, supports)
+        weighted = np.einsum('fij,rkfj->rkfi', precision, templates)
+        fisher = np.einsum('rkfi,rlfi->rkl', np.conj(templates), weighted).real
+        spread = np.linalg.inv(fisher)
+        b, b_other = (np.einsum('rkfi,rfi->rk', np.conj(weighted), x).real for x in (q, other))
+        fit, fit_other = (np.einsum('rkl,rl->rk', spread, x) for x in (b, b_other))
+        w_other = np.einsum('fij,rfj->rfi', precision, other)
+        coherent = np.einsum('rfi,rfi->r', np.conj(q), w_other).real - np.einsum('rk,rk->r', b, fit_other)
+        shape += weight * max(float(np.sum(coherent)), 0.0)
+        if not nothing_heard:
+            own = np.einsum('rfi,fij,rfj->r', np.conj(q), precision, q).real - np.einsum('rk,rk->r', b, fit)
+            freedom = float(np.sum(present)) * 2.0
+            excess = max(float(np.mean(own - coherent)), 0.0) / freedom
+            noise += 0.5 * len(everything) * freedom * math.log1p(excess) ** 2
+        mean = 0.5 * (fit + fit_other)
+        speed = SPEED_OF_LIGHT / (1.0 + 1e-6 * before.refractivity[rows])
+        error = speed * mean[:, _FLIGHT] - reference[rows]
+        deviation = speed**2 * spread[:, _FLIGHT, _FLIGHT] + condition.reference_std**2
+        ranging += weight * float(np.sum(error**2 / deviation))
+        common = _NEPER * 0.5 * (mean[:, 0] + mean[:, 1])
+        amplitude += weight * float(np.sum(common**2)) / max(condition.amplitude_scatter, 1e-3) ** 2
+        balance += weight * float(np.sum(_against(mean, spread, _AMPLITUDES, -1.0)))
+        sign = np.sign(_line(before, FIRST, rows))[0]
+        moved = _against(mean - np.mean(mean, axis=0), spread, _PHASES, float(sign))
+        phase += weight * float(np.sum(moved))
+    noise += _bursts(before, bursts)
+    return MatchedSize(*(math.sqrt(x) for x in (shape, ranging, amplitude, noise, phase, balance)))
+
+
+def _against(fit: np.ndarray, spread: np.ndarray, places: tuple[int, int], sign: float) -> np.ndarray:
+    """Return the squared significance of x_a + sign x_b [rows]."""
+    a, b = places
+    variance = spread[:, a, a] + spread[:, b, b] + 2.0 * sign * spread[:, a, b]
+    return (fit[:, a] + sign * fit[:, b]) ** 2 / variance
+
+
+def _spectral(nominal_: np.ndarray, true: np.ndarray, present: np.ndarray) -> float:
+    """Return d^2 of one sweep's spectral powers: sum of squared logarithms of their ratios."""
+    if np.array_equal(nominal_, true):
+        return 0.0
+    root = np.linalg.inv(np.linalg.cholesky(nominal_))
+    ratio = np.linalg.eigvalsh(root @ true @ np.conj(np.swapaxes(root, 1, 2)))
+    return float(np.sum(np.log(np.maximum(ratio, 1e-12)) ** 2))
+
+
+def _bursts(before: Scene, bursts: Sequence[tuple[int, float, float, float]]) -> float:
+    """Return d^2 of bursts: the excess of power in the samples that they cover."""
+    result = 0.0
+    for station, probability, length, power in bursts:
+        ratio = power / before.noise_std(station) ** 2
+        covered = min(length, before.condition.sample_count)
+        result += float(np.sum(probability * covered * 0.5 * np.log1p(ratio) ** 2))
+    return result
+
+
+def _scaled_parameter(template: Applied) -> str:
+    """Return the parameter that makes an effect larger: that of its kind, or what stands in its place."""
+    instead = {'reference_clock_drift': 'warmup', 'amplitude_loss': 'specific'}.get(template.effect)
+    return instead if instead in template.parameters else KINDS[template.effect].size.parameter
+
+
+def resized(template: Applied, size: float, condition: Condition) -> Applied:
+    """Return an effect of another size, in the meaning of its `Kind.size`; signs and proportions are kept."""
+    name = _scaled_parameter(template)
+    given = template.parameters.get(name)
+    value: float | list[float]
+    if template.effect == 'phase_noise':
+        station = condition.names.index(template.station) if template.station else FIRST
+        value = condition.stations[station].phase_noise_level + size
+    elif isinstance(given, list | tuple):
+        largest = max(abs(v) for v in given)
+        value = [size * v / largest for v in given]
+    else:
+        value = KINDS[template.effect].size.value(size)
+        if given is not None and given < 0.0 < value:
+            value = -value
+    return dataclasses.replace(template, parameters={**template.parameters, name: value})
+
+
+def scaled(
+    condition: Condition,
+    template: Applied,
+    wanted: float,
+    background: Sequence[Applied] = (),
+    tolerance: float = 0.02,
+) -> tuple[Applied, MatchedSize]:
+    """Return an effect of the wanted d, or as near as its bounds allow, and its matched size."""
+    rule = KINDS[template.effect].size
+    low, high = math.log(rule.lower), math.log(rule.upper)
+    x = math.log(rule.start)
+    known: list[tuple[float, float]] = []
+    tried: list[tuple[float, Applied, MatchedSize]] = []
+    for _ in range(14):
+        trial = resized(template, math.exp(x), condition)
+        size = matched_size(condition, [trial], background)
+        y = math.log(max(size.total, 1e-9) / wanted)
+        tried.append((abs(y), trial, size))
+        if abs(y) < tolerance or high - low < 1e-4:
+            break
+        low, high = (x, high) if y < 0.0 else (low, x)
+        known.append((x, y))
+        x = _next(known, low, high)
+    return min(tried, key=lambda one: one[0])[1:]
+
+
+def _next(known: list[tuple[float, float]], low: float, high: float) -> float:
+    """Return the next abscissa by the secant of the last two points, by d in proportion to size at first."""
+    slope = 1.0
+    if len(known) > 1:
+        (x0, y0), (x1, y1) = known[-2:]
+        slope = (y1 - y0) / (x1 - x0) if x1 != x0 else 1.0
+    if slope > 0.05:
+        guess = known[-1][0] - known[-1][1] / slope
+        if low < guess < high:
+            return guess
+    return 0.5 * (low + high)
