@@ -174,7 +174,8 @@ def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
     d, r, c, h = g.offset, g.rate, g.acceleration, g.step
     f_own, f_peer = own.alpha * own.sweep.start_frequency, peer.alpha * peer.sweep.start_frequency
     k_own, k_peer = own.alpha**2 * own.sweep.chirp_rate, peer.alpha**2 * peer.sweep.chirp_rate
-    # D_a / 2 pi = f_own u + k_own u^2/2 - f_peer v - k_peer v^2/2, multiplied out; u^4 is 1e-19 turns and left out
+    # D_a / 2 pi = f_own u + k_own u^2/2 - f_peer v - k_peer v^2/2, multiplied out; u^4 is left out, 2e-17 turns
+    # with an acceleration of 10 m/s^2
     c0 = f_peer * d - 0.5 * k_peer * d * d
     if len(m.stations) == 2:
         c0 = c0 + m.initial_phase[receiver] - m.initial_phase[1 - receiver]
