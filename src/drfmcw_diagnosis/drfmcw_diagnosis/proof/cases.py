@@ -7,6 +7,7 @@ seals its truth and writes its recording. Everything follows from the seed.
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,7 @@ class Plan:
     verdicts: tuple[str, ...] = ('consistent',)  # that are right
     rivals: tuple[Rival, ...] = ()  # explanations that the data cannot tell from the truth
     tolerated: tuple[str, ...] = ()  # effects whose finding is no false alarm: the recording does hold such a mismatch
+    tolerated_levels: tuple[str, ...] = ()  # at which 'unexplained' is none either
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Case:
             ],
             'rivals': [[{'effect': e, 'station': s} for e, s in rival] for rival in plan.rivals],
             'tolerated': list(plan.tolerated),
+            'tolerated_levels': list(plan.tolerated_levels),
             'condition': dataclasses.asdict(plan.condition),
             'salt': hashlib.sha256(f'{plan.condition.seed}/{plan.name}'.encode()).hexdigest(),
         }
@@ -281,7 +284,10 @@ def _rivals(condition: Condition, effects: tuple[Applied, ...]) -> tuple[Rival, 
     effect, station = effects[0].effect, effects[0].station
     if effect in _TWINS:
         return (((_TWINS[effect], None),),)
-    if effect == 'reference_clock_offset':  # an IF knows the difference of the references only, but for 1e-6 of it
+    if effect in (
+        'reference_clock_offset',
+        'reference_clock_drift',
+    ):  # an IF knows the difference of the references only, but for 1e-6 of it
         return (((effect, _other(condition, station)),),)
     return ()
 
@@ -314,12 +320,13 @@ NULLS = ('right', 'corner', 'flank', 'bump', 'plateau', 'outliers', 'drift')
 def _null(name: str, random: np.random.Generator, kind: str, extent: Extent) -> Plan:
     condition = random_condition(random, extent)
     tolerated: tuple[str, ...] = ()
+    levels: tuple[str, ...] = ()
     if kind == 'outliers':
         condition = dataclasses.replace(condition, outlier_probability=0.03)
-        tolerated = ('noise_floor', 'interference_burst', 'amplitude_loss')
+        tolerated, levels = ('noise_floor', 'interference_burst', 'amplitude_loss'), ('noise', 'amplitude')
     elif kind == 'drift':
         condition = dataclasses.replace(condition, amplitude_drift=float(random.uniform(0.1, 0.4)))
-        tolerated = ('amplitude_loss',)
+        tolerated, levels = ('amplitude_loss',), ('amplitude',)
     elif kind != 'right':
         value = {
             'corner': float(random.choice([0.4, 0.6, 1.6, 2.5])),
@@ -328,9 +335,8 @@ def _null(name: str, random: np.random.Generator, kind: str, extent: Extent) -> 
             'plateau': float(random.choice([-2.0, -1.0, 1.0, 2.0])),
         }[kind]
         condition = _stations(condition, shape=NoiseShape(kind, value))
-        tolerated = ('phase_noise',)
-    verdicts = ('consistent', 'explained', 'ambiguous', 'unexplained') if tolerated else ('consistent',)
-    return Plan(name, 'null', kind, condition, (), verdicts, (), tolerated)
+        tolerated, levels = ('phase_noise',), ('noise', 'if_spectrum')
+    return Plan(name, 'null', kind, condition, (), ('consistent',), (), tolerated, levels)
 
 
 # --- decoys: what looks like a cause and is none ---
@@ -378,8 +384,8 @@ def _decoy_covariate(random: np.random.Generator, extent: Extent) -> tuple[Condi
     """The true cause's temperature and its innocent companions move together, but not quite."""
     condition = random_condition(random, extent)
     air = np.array(condition.air_temperature)
-    boards = tuple(_floats(air + 10.0 + random.normal(0.0, 2.5, len(air))) for _ in range(2))
-    return dataclasses.replace(condition, board_temperature=boards), ('reference_clock_temperature',)
+    boards = [_floats(air + 10.0 + random.normal(0.0, 2.5, len(air))) for _ in range(2)]
+    return dataclasses.replace(condition, board_temperature=(boards[0], boards[1])), ('reference_clock_temperature',)
 
 
 def _decoy_delay_covariate(random: np.random.Generator, extent: Extent) -> tuple[Condition, tuple[str, ...]]:
@@ -453,6 +459,22 @@ AMBIGUOUS = (*sorted(_TWINS), 'reference_clock_offset', 'clock by time or temper
 """Kinds of cases that one recording cannot decide."""
 
 
+def decided(case: Case) -> Plan | None:
+    """Return a measurement that decides an ambiguous case: the same effects where the boards' temperatures wander.
+
+    None where no recording of these topics decides, such as a delay against an offset of the reference.
+    """
+    if case.plan.kind not in ('clock by time or temperature', 'delay by either board'):
+        return None
+    before = case.plan.condition
+    random = np.random.Generator(np.random.PCG64(before.seed))
+    n = len(before.distances)
+    boards = [_floats(random.uniform(10.0, 40.0, n)) for _ in range(2)]
+    condition = dataclasses.replace(before, seed=before.seed + 1, board_temperature=(boards[0], boards[1]))
+    wanted = tuple(Wanted(effect) for effect in case.effects)
+    return Plan(f'{case.plan.name}_decided', 'ambiguous', 'decided', condition, wanted, ('explained',))
+
+
 # --- lists ---
 
 
@@ -501,37 +523,36 @@ Builder = Callable[[str, np.random.Generator], Plan]
 
 def _quick() -> Iterator[Builder]:
     small = Extent(14, 8)
-    yield lambda name, random: _null(name, random, 'right', small)
-    yield lambda name, random: _null(name, random, 'right', small)
-    yield lambda name, random: _null(name, random, 'bump', small)
+    for kind in ('right', 'right', 'bump'):
+        yield partial(_null, kind=kind, extent=small)
     for effect in ('sweep_ripple', 'echo', 'reference_clock_temperature', 'spur', 'delay_temperature', 'noise_floor'):
-        yield lambda name, random, e=effect: _single(name, random, e, 16.0, small)
-    yield lambda name, random: _pair(name, random, ('pll_settling', 'tx_leakage'), 16.0, small)
-    yield lambda name, random: _single(name, random, 'phase_jump', 20.0, small, 'outside')
-    yield lambda name, random: _ambiguous(name, random, 'delay_offset', 12.0, small)
+        yield partial(_single, effect=effect, d=16.0, extent=small)
+    yield partial(_pair, effects=('pll_settling', 'tx_leakage'), d=16.0, extent=small)
+    yield partial(_single, effect='phase_jump', d=20.0, extent=small, group='outside')
+    yield partial(_ambiguous, kind='delay_offset', d=12.0, extent=small)
 
 
 def _full(counts: Counts) -> Iterator[Builder]:
     usual = Extent()
     for kind in NULLS:
         for _ in range(counts.nulls if kind == 'right' else counts.nulls // 5):
-            yield lambda name, random, k=kind: _null(name, random, k, usual)
+            yield partial(_null, kind=kind, extent=usual)
     for effect in REGISTERED:
         for d in counts.sizes:
             for _ in range(counts.repeats):
-                yield lambda name, random, e=effect, x=d: _single(name, random, e, x, usual)
+                yield partial(_single, effect=effect, d=d, extent=usual)
     for _ in range(counts.pairs):
-        yield lambda name, random: _pair(name, random, None, None, usual)
+        yield partial(_pair, effects=None, d=None, extent=usual)
     for effect in OUTSIDE:
         for d in counts.outside_sizes:
             for _ in range(max(counts.repeats // 2, 1)):
-                yield lambda name, random, e=effect, x=d: _single(name, random, e, x, usual, 'outside')
-    for decoy in DECOYS:
+                yield partial(_single, effect=effect, d=d, extent=usual, group='outside')
+    for kind in DECOYS:
         for _ in range(counts.decoys):
-            yield lambda name, random, k=decoy: _decoy(name, random, k, 14.0, usual)
-    for degenerate in AMBIGUOUS:
+            yield partial(_decoy, kind=kind, d=14.0, extent=usual)
+    for kind in AMBIGUOUS:
         for _ in range(counts.ambiguous):
-            yield lambda name, random, k=degenerate: _ambiguous(name, random, k, 14.0, usual)
+            yield partial(_ambiguous, kind=kind, d=14.0, extent=usual)
 
 
 def _pair(

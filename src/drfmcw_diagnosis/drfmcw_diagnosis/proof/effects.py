@@ -252,10 +252,16 @@ def _sweep_ripple(scene: Scene, stations: tuple[int, ...], p: Parameters) -> Non
     _linear('step', 300.0, 1e8),
 )
 def _pll_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
-    # the damped cosine is the real part of one exponential, whose integral is elementary
-    pole = 2.0 * math.pi * p['natural_frequency'] * (-p['damping'] + 1j * math.sqrt(1.0 - p['damping'] ** 2))
+    turn = 2.0 * math.pi * p['natural_frequency']
+    decay, swing = turn * p['damping'], turn * math.sqrt(1.0 - p['damping'] ** 2)
+
+    def phase(t: np.ndarray) -> np.ndarray:
+        t = np.maximum(t, 0.0)
+        integral = np.exp(-decay * t) * (swing * np.sin(swing * t) - decay * np.cos(swing * t)) + decay
+        return p['step'] / turn**2 * integral
+
     for s in stations:
-        scene.chirp[s].append(lambda t: p['step'] * np.real(np.expm1(pole * np.maximum(t, 0.0)) / pole))
+        scene.chirp[s].append(phase)
 
 
 # --- noise ---

@@ -304,9 +304,9 @@ def nominal(condition: Condition) -> Scene:
 def _wander(random: np.random.Generator, n: int) -> np.ndarray:
     """Return a slow curve of zero mean and unit standard deviation [n]: four cosines of falling weight."""
     x = (np.arange(n) + 0.5) / n
-    curve = sum(random.standard_normal() / order * np.cos(math.pi * order * x) for order in (1, 2, 3, 4))
-    curve = curve - np.mean(curve)
-    return curve / np.std(curve)
+    order = np.arange(1, 5)
+    curve = (random.standard_normal(4) / order) @ np.cos(math.pi * order[:, None] * x)
+    return (curve - np.mean(curve)) / np.std(curve)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -390,7 +390,8 @@ def _through(scene: Scene, station: int, rows: Rows, one: Heard, signal: np.ndar
     frequency = np.fft.fftfreq(signal.shape[1]) / scene.step(station)[rows, None]
     for response in scene.responses[station]:
         one_sided = response(np.abs(frequency))
-        signal = fft.ifft(fft.fft(signal) * np.where(frequency >= 0.0, one_sided, np.conj(one_sided)))
+        two_sided = np.where(frequency >= 0.0, one_sided, np.conj(one_sided)).astype(signal.dtype)
+        signal = fft.ifft(fft.fft(signal) * two_sided)
     signal = signal[:, _MARGIN : _MARGIN + count]
     settled = signal.copy()
     one.silence(settled)
@@ -402,7 +403,8 @@ def _through(scene: Scene, station: int, rows: Rows, one: Heard, signal: np.ndar
             last, here = (np.take_along_axis(signal, index - i, axis=1) for i in (1, 0))
             share = np.take_along_axis(since, index, axis=1) / scene.step(station)[rows, None]
             at_edge = here * np.exp(-1j * np.angle(here * np.conj(last)) * share)
-            settled += sign * inside * at_edge * np.exp(-2.0 * math.pi * pole * np.maximum(since, 0.0))
+            fading = np.exp((-2.0 * math.pi * pole) * np.where(inside, since, np.inf))
+            settled += (sign * at_edge).astype(signal.dtype) * fading.astype(signal.real.dtype)
     return settled
 
 

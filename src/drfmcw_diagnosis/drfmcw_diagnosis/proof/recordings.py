@@ -142,7 +142,7 @@ def _write_settings(out: _Messages, scene: Scene, row: int, stamps: np.ndarray) 
         ('humidity', 'RelativeHumidity', 'relative_humidity', c.air_humidity, 1e-4),
     )
     for topic, kind, field, values, variance in weather:
-        value = {field: float(values[setting]), 'variance': variance}
+        value: dict[str, Any] = {field: float(values[setting]), 'variance': variance}
         out.write(f'/site/{topic}', f'sensor_msgs/msg/{kind}', stamp, 'site', **value)
     for station in (FIRST, SECOND):
         out.write(

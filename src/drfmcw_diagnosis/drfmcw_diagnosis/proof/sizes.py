@@ -85,7 +85,8 @@ def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.nd
     present = np.empty((count // 2, 4), bool)
     for s in (FIRST, SECOND):
         line = _line(scene, s, one)[0]
-        density_here = noisy.noise_std(s)[row] ** 2 / rate / scene.amplitude(s, one)[0] ** 2
+        alike = np.flatnonzero(scene.setting == scene.setting[row])  # each has its own amplitude
+        density_here = noisy.noise_std(s)[row] ** 2 / rate / np.mean(scene.amplitude(s, alike) ** 2)
         for i, side in ((2 * s, 1.0), (2 * s + 1, -1.0)):
             frequency = np.sign(line) * (line + side * offset)
             present[:, i] = (frequency > -0.5 * rate / count) & (frequency < 0.5 * rate)
@@ -93,7 +94,7 @@ def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.nd
             for response in noisy.responses[s]:
                 gain = gain * response(np.abs(frequency)) / response(abs(line))
             relative[:, i] = gain if side > 0 else np.conj(gain)
-            thermal[:, i] = 4.0 * density_here
+            thermal[:, i] = 4.0 * density_here + _folded(noisy, np.abs(frequency), abs(line))
     covariance = np.einsum('ij,fjk,lk->fil', bands, phase, np.conj(bands))
     covariance[:, np.arange(4), np.arange(4)] += thermal
     covariance *= relative[:, :, None] * np.conj(relative[:, None, :])
@@ -101,6 +102,16 @@ def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.nd
     covariance = np.where(both, covariance, 0.0)
     covariance[:, np.arange(4), np.arange(4)] += np.where(present, 0.0, _ABSENT)
     return covariance, present
+
+
+def _folded(scene: Scene, frequency: np.ndarray, line: float) -> np.ndarray:
+    """Return the density at frequencies of a real IF of those side-bands that fold back at zero and at Nyquist."""
+    rate = scene.condition.sample_rate
+    result = np.zeros(frequency.shape)
+    for offset in (frequency + line, rate - frequency - line):
+        density = sum(phase_noise_density(np.abs(offset), *o) for o in scene.oscillators)
+        result += np.where(np.abs(offset) <= 0.5 * rate, density, 0.0)
+    return result
 
 
 def _flight(scene: Scene, rows: np.ndarray) -> np.ndarray:
@@ -156,7 +167,7 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> tuple[list[np.nda
                 random = before.stream(Stream.EFFECT, 99, i, s, int(rows[0]))
                 noise = random.standard_normal(new.shape) * before.noise_std(s)[rows, None]
                 changed = receive(after, s, rows, new.real, noise)
-                plain = receive(dataclasses.replace(after, analogue=([], [])), s, rows, new.real, noise)
+                plain = receive(dataclasses.replace(after, analogue=before.analogue), s, rows, new.real, noise)
                 if after.digital[s]:
                     changed, plain = digitise(after, s, rows, changed), digitise(before, s, rows, plain)
                 pair[i] = smooth + _relative(changed.astype(float) - plain, new, on)
@@ -272,7 +283,9 @@ def _bursts(before: Scene, bursts: Sequence[tuple[int, float, float, float]]) ->
 def _scaled_parameter(template: Applied) -> str:
     """Return the parameter that makes an effect larger: that of its kind, or what stands in its place."""
     instead = {'reference_clock_drift': 'warmup', 'amplitude_loss': 'specific'}.get(template.effect)
-    return instead if instead in template.parameters else KINDS[template.effect].size.parameter
+    if instead is not None and instead in template.parameters:
+        return instead
+    return KINDS[template.effect].size.parameter
 
 
 def resized(template: Applied, size: float, condition: Condition) -> Applied:
