@@ -22,7 +22,6 @@ setup(
     entry_points={
         'console_scripts': [
             'diagnose = drfmcw_diagnosis.diagnose:main',
-            'prove = drfmcw_diagnosis.prove:main',
         ],
     },
 )

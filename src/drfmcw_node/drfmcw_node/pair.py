@@ -38,7 +38,6 @@ class Basebands:
     frequency: tuple[np.ndarray, ...]  # of the demodulation (B,) [Hz]
     time: tuple[np.ndarray, ...]  # of the blocks (K,), since the station's own sweep start [s]
     power: tuple[np.ndarray, ...]  # squared magnitude of the Hann-windowed sweep's bins (B, bins)
-    mean: tuple[np.ndarray, ...]  # of the samples (B,) [LSB]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +82,7 @@ class PairEstimator:
         first_calibration: Calibration | None = None,
         second_calibration: Calibration | None = None,
         blocks: range = BLOCKS,
+        chirp_known: bool = True,
     ) -> None:
         """Prepare everything that does not depend on the samples.
 
@@ -94,6 +94,7 @@ class PairEstimator:
             first_calibration: None where unknown; the residual chirp is then estimated.
             second_calibration: None where unknown.
             blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
+            chirp_known: what the calibrations leave of a chirp is small; else it is estimated, as without them.
 
         Raises:
             ConfigurationError: the stations do not sweep alike, or leave no frequency to search.
@@ -119,7 +120,7 @@ class PairEstimator:
         # of the blocks, each station's counted from the centre of its own window [samples]
         self._time = tuple(s.samples.start - s.origin + index for s in self.stations)
         self._weights = np.full(self._size, 1.0 / self._size, np.complex64)
-        self._calibrated = first_calibration is not None and second_calibration is not None
+        self._chirp_known = chirp_known and None not in (first_calibration, second_calibration)
         self._late = self._time[1][0] - self._time[0][0]
 
     def __call__(
@@ -151,7 +152,12 @@ class PairEstimator:
 
     def _refine(self, *found: Sweeps) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,)."""
-        coarse, lines, chirp, models = self._resolve(found)
+        return self._combine(*self._resolve(found))
+
+    def _combine(
+        self, coarse: list[np.ndarray], lines: list[np.ndarray], chirp: np.ndarray, models: list['_Line']
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return what `_refine` does, from what `_resolve` found."""
         combined, value = _tone(self._products(lines)[0], self._time[0], self._size)
         combined += chirp * self._late  # the second station's blocks come later by part of a sample
         one, two = models
@@ -174,31 +180,37 @@ class PairEstimator:
         coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
         records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
         lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
-        models = self._fit(lines, chirp if self._calibrated else self._chirp(lines))
-        for _ in range(1 if self._calibrated else _ROUNDS):
+        models = self._fit(lines, chirp if self._chirp_known else self._chirp(lines))
+        for _ in range(1 if self._chirp_known else _ROUNDS):
             lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
             chirp = self._chirp(lines)
             models = self._fit(lines, chirp)
         return coarse, lines, chirp, models
 
-    def basebands(self, first: np.ndarray, second: np.ndarray) -> 'Basebands':
-        """Return both lines over the time in the sweep.
+    def with_basebands(
+        self, first: np.ndarray, second: np.ndarray, full_scale: float
+    ) -> tuple[tuple[Estimates, Estimates], 'Basebands']:
+        """Return the beat frequencies of few sweeps, and both lines over the time in the sweep.
 
         Args:
             first: samples (B, sample_count) of the first station, int16 or float, or (B, 2 sample_count) I, Q, ...
             second: of the second station, the same sweeps.
+            full_scale: ADC code of full scale of both stations [LSB].
         """
         found = [s.search(x) for s, x in zip(self.stations, (first, second), strict=True)]
-        coarse, lines, _, _ = self._resolve(found)
-        return Basebands(
+        resolved = self._resolve(found)
+        coarse, lines, _, _ = resolved
+        basebands = Basebands(
             lines=tuple(lines),
             frequency=tuple(
                 c * (s.sweep.sample_rate / s.length / FINE) for c, s in zip(coarse, self.stations, strict=True)
             ),
             time=tuple((t + s.origin) / s.sweep.sample_rate for t, s in zip(self._time, self.stations, strict=True)),
-            power=tuple(f.power for f in found),
-            mean=tuple(np.asarray(x, float).mean(axis=1) for x in (first, second)),
+            power=tuple(f.power.copy() for f in found),  # concluding uses them up
         )
+        scale = np.full(len(first), full_scale)
+        parts = zip(self.stations, found, self._combine(*resolved), strict=True)
+        return tuple(s.collect([s.conclude(f, *line, scale, None)]) for s, f, line in parts), basebands
 
     def _products(self, lines: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the product in which what both lines share cancels, and the one that has it twice, (B, K) each."""

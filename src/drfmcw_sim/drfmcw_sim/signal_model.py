@@ -231,7 +231,7 @@ def draw_sweeps(m: Measurements, seed: int) -> list[np.random.Generator]:
     for row, generator in enumerate(generators):
         deviates = generator.standard_normal(3)
         m.start_delay[row] += m.start_delay_jitter * deviates[0]
-        m.initial_phase[:, row] = generator.random(2)[: len(m.stations)]
+        m.initial_phase[:, row] += generator.random(2)[: len(m.stations)]
         for station, deviate in zip(m.stations, deviates[1:], strict=False):
             station.received_power[row] += m.amplitude_scatter * deviate
     return generators

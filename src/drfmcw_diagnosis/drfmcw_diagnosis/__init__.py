@@ -1,0 +1,1 @@
+"""Finding what the model of a recording leaves out."""

@@ -1,0 +1,185 @@
+"""Where the search for effects begins: sizes small enough to be linear, and grids over what gives an effect its shape.
+
+The forward models are the registry's; here stands only how to look for each. `prior` is how large a parameter may
+plausibly be: it decides how much evidence a good fit must bring to pay for its freedom.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from drfmcw_sim.effects import Effect
+
+WAVE = 0.0517
+"""Wavelength of the carrier, by which an echo's phase turns [m]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """How to look for one effect."""
+
+    size: str  # parameter that scales what it does; '' where nothing does linearly
+    start: Mapping[str, float]  # of parameters without a grid
+    prior: Mapping[str, float]  # plausible size of every parameter that is fitted
+    grid: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
+    decibel: bool = False  # the size is in decibels
+    quadrature: tuple[str, float] = ('', 0.0)  # parameter, and its step, that turns the effect's phase by a quarter
+    turn: tuple[str, float] = ('', 0.0)  # parameter, and its period by the carrier's phase, which reflection may shift
+    per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
+    stations: str = 'each'  # 'each', 'each and both'; ignored where the effect has no station
+    steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
+
+    def step(self, name: str, value: float) -> float:
+        """Return the step of a numerical derivative at `value`."""
+        name = name.partition('[')[0]
+        if name in self.steps:
+            return self.steps[name]
+        return max(0.01 * abs(value), 0.01 * abs(self.start.get(name, 1e-3 * self.prior[name])))
+
+
+def _steps(low: float, high: float, count: int) -> tuple[float, ...]:
+    return tuple(np.geomspace(low, high, count).tolist())
+
+
+RECIPES: dict[str, tuple[Recipe, ...]] = {
+    'reference_clock_offset': (Recipe('deviation', {'deviation': 0.2}, {'deviation': 20.0}),),
+    'reference_clock_temperature': (Recipe('slope', {'slope': 0.02}, {'slope': 1.0}),),
+    'reference_clock_drift': (
+        Recipe('rate', {'rate': 1.0}, {'rate': 50.0}),
+        Recipe('warmup', {'warmup': 0.2}, {'warmup': 10.0, 'time_constant': 300.0},
+               {'time_constant': (10.0, 30.0, 100.0, 300.0)}),
+    ),
+    'sample_clock_offset': (Recipe('deviation', {'deviation': 0.2}, {'deviation': 50.0}),),
+    'air_refractivity': (Recipe('offset', {'offset': 1.0}, {'offset': 100.0}),),
+    'delay_offset': (Recipe('delay', {'delay': 0.01}, {'delay': 10.0}),),
+    'delay_temperature': (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),),
+    'ground_reflection': (
+        Recipe('coefficient', {'coefficient': 0.02}, {'coefficient': 0.5, 'height_product': 100.0},
+               {'height_product': _steps(1.0, 400.0, 40)}),
+    ),
+    'echo': (
+        Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
+               {'excess_range': _steps(0.5, 400.0, 48)}, decibel=True, quadrature=('excess_range', WAVE / 4.0),
+               steps={'excess_range': 5e-4, 'relative_power': 0.05}, turn=('excess_range', WAVE)),
+    ),
+    'tx_leakage': (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),),
+    'spur': (
+        Recipe('level', {'level': -80.0}, {'level': 20.0, 'frequency': 5e5}, {'frequency': ()}, decibel=True,
+               steps={'frequency': 20.0, 'level': 0.05}),
+    ),
+    'sweep_curvature': (Recipe('deviation', {'deviation': 50.0}, {'deviation': 1e4}),),
+    'sweep_ripple': (
+        Recipe('deviation', {'deviation': 20.0}, {'deviation': 2e3, 'rate': 5e4, 'phase': 3.0},
+               {'rate': tuple(np.arange(1000.0, 50000.0, 700.0).tolist())}, quadrature=('phase', np.pi / 2.0),
+               steps={'rate': 5.0, 'phase': 0.01}),
+    ),
+    'pll_settling': (
+        Recipe('step', {'step': 500.0}, {'step': 1e5, 'natural_frequency': 5e4, 'damping': 1.0},
+               {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}),
+    ),
+    'phase_noise': (
+        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-3.0, 1.0, 3.0, 6.0), 'corner': (0.5, 1.0, 2.0)},
+               stations='each and both', steps={'level': 0.1, 'corner': 2e3}),
+    ),
+    'noise_floor': (
+        Recipe('', {}, {'excess': 10.0}, {'excess': (-3.0, 0.5, 2.0, 5.0, 10.0)}, stations='each and both',
+               steps={'excess': 0.05}),
+    ),
+    'amplitude_loss': (
+        Recipe('loss', {'loss': 0.2}, {'loss': 10.0}),
+        Recipe('specific', {'specific': 0.3}, {'specific': 20.0}),
+    ),
+    'target_motion': (
+        Recipe('velocity', {'velocity': 0.001}, {'velocity': 3.0}),
+        Recipe('velocity', {'velocity': 0.001}, {'velocity': 3.0}, per_group=True),
+    ),
+    'sway': (
+        Recipe('amplitude', {'amplitude': 1e-4}, {'amplitude': 0.05, 'frequency': 2.0, 'phase': 3.0},
+               {'frequency': (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)},
+               quadrature=('phase', np.pi / 2.0), steps={'frequency': 0.01, 'phase': 0.01}),
+    ),
+    'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
+    'clipping': (Recipe('', {}, {'level': 20.0}, {'level': tuple(np.arange(-56.0, -2.0, 3.0).tolist())}, steps={'level': 0.1}),),
+    'compression': (Recipe('third_order', {'third_order': 0.01}, {'third_order': 0.3}),),
+    'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
+    'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),
+    'reference_offset': (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),),
+    'reference_scale': (Recipe('scale', {'scale': 2.0}, {'scale': 200.0}),),
+}  # fmt: skip
+"""By effect; effects without a recipe are not searched for, which a diagnosis says."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One place in the bank: an effect at a station, with the parameters at which its fit begins."""
+
+    effect: str
+    station: str  # '' for what has none, or for both
+    recipe: Recipe
+    values: dict[str, float]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What it is, apart from its size."""
+        return self.effect, self.station
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that are fitted."""
+        return tuple(self.values) if self.recipe.per_group else tuple(self.recipe.prior)
+
+    def prior(self, name: str) -> float:
+        """Return the plausible size of a parameter that is fitted."""
+        return self.recipe.prior[name.partition('[')[0]]
+
+    def build(self, values: Mapping[str, float] | None = None) -> Effect:
+        """Return the effect with `values`, by default those at which the fit begins."""
+        single, several = {}, {}
+        for name, value in (values or self.values).items():
+            base, bracket, _ = name.partition('[')
+            if bracket or base == 'velocity':
+                several.setdefault(base, []).append(value)
+            else:
+                single[base] = value
+        lists = {name: tuple(found) for name, found in several.items()}
+        return Effect.registry[self.effect](**single, **lists, station=self.station)
+
+    def moved(self, **changes: float) -> 'Candidate':
+        """Return the candidate with other values to begin with."""
+        return dataclasses.replace(self, values=self.values | changes)
+
+
+def candidates(
+    stations: tuple[str, ...],
+    calibrated: Mapping[str, Mapping[str, float]],
+    found: Mapping[str, tuple[float, ...]],
+    groups: int,
+) -> Iterator[Candidate]:
+    """Yield the bank.
+
+    Args:
+        stations: names.
+        calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
+        found: frequencies at which a station's spectrum stands out [Hz].
+        groups: in which sizes may differ.
+    """
+    for effect, recipes in RECIPES.items():
+        of_station = Effect.registry[effect].of == 'station'
+        for recipe in recipes:
+            places = [''] if not of_station else [*stations, *([''] if recipe.stations == 'each and both' else [])]
+            for station in places:
+                grid = dict(recipe.grid)
+                if effect == 'spur':
+                    grid['frequency'] = found.get(station, ())
+                for values in itertools.product(*grid.values()):
+                    start = dict(recipe.start) | dict(zip(grid, values, strict=True))
+                    if effect == 'phase_noise':
+                        start['level'] += calibrated['phase_noise']['level']
+                        start['corner'] *= calibrated['phase_noise']['corner']
+                    if recipe.per_group:
+                        if groups < 2:
+                            continue
+                        start = {f'{recipe.size}[{g}]': start[recipe.size] for g in range(groups)}
+                    yield Candidate(effect, station, recipe, start)

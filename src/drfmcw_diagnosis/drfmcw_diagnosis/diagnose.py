@@ -1,0 +1,76 @@
+"""`drfmcw diagnose`: says what physics the model of a recording leaves out."""
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import Parser, guarded, write_atomically
+
+from .engine import FALSE_ALARM_RATE, diagnose
+from .report import render_html
+from .summary import terminal
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    result = Parser(
+        prog='drfmcw diagnose',
+        description='Compare a recording with the model of its own settings, calibrations, weather and reference, and '
+        'say what physics the model leaves out.',
+    )
+    result.add_argument('recording', help='rosbag2 recording of raw IF samples of both stations')
+    result.add_argument('--json', metavar='FILE', help='write the finding as JSON')
+    result.add_argument('--html', metavar='FILE', help='write a report')
+    result.add_argument('--out', metavar='DIR', help='write finding.json, report.html and refined.yaml there')
+    result.add_argument('--pair', metavar='FIRST/SECOND', help='pair of stations (the one with most sweeps)')
+    result.add_argument(
+        '--false-alarm-rate', type=float, default=FALSE_ALARM_RATE, metavar='P',
+        help=f'accepted chance of finding a mismatch where there is none ({FALSE_ALARM_RATE:g})',
+    )  # fmt: skip
+    return result
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    arguments = parser().parse_args(argv)
+    words = ['./drfmcw', 'diagnose', *(sys.argv[1:] if argv is None else argv)]
+    return guarded('drfmcw diagnose', lambda: _run(arguments, shlex.join(words)))
+
+
+def _run(arguments: argparse.Namespace, command: str) -> None:
+    if not 0.0 < arguments.false_alarm_rate < 1.0:
+        raise ConfigurationError(f'--false-alarm-rate = {arguments.false_alarm_rate:g} is not between 0 and 1')
+    out = Path(arguments.out) if arguments.out else None
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True)
+    columns = (TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task('reading', total=1.0)
+        diagnosis = diagnose(
+            arguments.recording,
+            arguments.pair,
+            arguments.false_alarm_rate,
+            out,
+            lambda text, share: bar.update(task, description=text, completed=share),
+            command,
+        )
+    page = arguments.html or (out and str(out / 'report.html'))
+    finding = arguments.json or (out and str(out / 'finding.json'))
+    if finding:
+        write_atomically(finding, json.dumps(diagnosis.as_object(), indent=2) + '\n')
+    if page:
+        configuration = Path(diagnosis.refined_config).read_text(encoding='utf-8') if diagnosis.refined_config else ''
+        write_atomically(page, render_html(diagnosis, configuration))
+    Console().print(terminal(diagnosis, page))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

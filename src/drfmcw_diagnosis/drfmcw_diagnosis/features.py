@@ -1,0 +1,180 @@
+"""What a recording and a model of it are compared by: a few thousand numbers per recording, on all levels.
+
+The same functions see measured and simulated samples. Per sweep pair amplitude, phase and start delay are free (the
+interface's nuisances) and are taken out; what remains is
+
+- ramp: log amplitude of both lines, and sum and difference of both phases, over the time in the sweep. The oscillators'
+  noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
+- spectrum: narrow lines beside the stations' own, and the mean of the samples;
+- noise: power of the spectrum in bands, lines left out;
+- beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
+- amplitude: received power;
+- range: combined delay, as range beyond the reference;
+- movement: range by the carrier phase within a group.
+"""
+
+import dataclasses
+
+import numpy as np
+import scipy.fft
+from scipy.ndimage import median_filter
+
+from drfmcw_fusion.combination import Station as Share
+from drfmcw_fusion.combination import combine
+from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.pair import PairEstimator
+from drfmcw_node.processing import Beat
+from drfmcw_node.spectral import window_samples
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.sweep import SweepSettings
+
+BANDS = 8
+"""Bands of equal width in which the noise is compared."""
+
+_BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
+LINE = 64
+"""Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
+
+_EDGE = 12  # bins next to 0 Hz and to the Nyquist frequency that are not compared
+_MEDIAN = 65  # bins over which the noise around a narrow line is taken
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepFeatures:
+    """Features of n sweep pairs of one setting; S stations, K blocks, B bins."""
+
+    ramp: np.ndarray  # (n, 2 S, K): log amplitudes, then phases' sum and difference over sqrt(2) [rad]
+    time: np.ndarray  # (K,) of the blocks in the first station's sweep [s]
+    power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
+    line: np.ndarray  # (n, S) frequency of each line [Hz]
+    mean: np.ndarray  # (n, S) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode) [Hz]
+    amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
+    range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
+    range_std: np.ndarray  # (n,) as fusion reports it [m]
+    carrier: np.ndarray  # (n,) sum of both phases [rad]
+    phase_std: np.ndarray  # (n,) of it, by additive noise and mirror lines [rad]
+
+
+class Extractor:
+    """Turns the samples of both stations, of one setting, into features."""
+
+    def __init__(self, sweeps: tuple[SweepSettings, SweepSettings], calibrations: tuple[Calibration, ...]) -> None:
+        """Prepare the estimators.
+
+        Args:
+            sweeps: settings of the first and the second station.
+            calibrations: of both.
+        """
+        self.sweeps, self.calibrations = sweeps, calibrations
+        settings = EstimatorSettings(estimator='pair')
+        self.pair = PairEstimator(*sweeps, settings, False, *calibrations, blocks=_BLOCKS, chirp_known=False)
+        self.sign = sweeps[0].line_sign() * sweeps[1].line_sign()
+        window = self.pair.stations[0].duration
+        self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)  # deviation of mid-window phase per slope
+        self.window_power = tuple(s.meter.window_power for s in self.pair.stations)
+        self.window_sum = tuple(s.window_sum for s in self.pair.stations)
+        self._weights = [
+            window_samples('hann', *s.analysis_window(), s.sample_rate, s.sample_count) / total
+            for s, total in zip(sweeps, self.window_sum, strict=True)
+        ]
+
+    def __call__(self, samples: tuple[np.ndarray, np.ndarray], full_scale: float, index: np.ndarray) -> SweepFeatures:
+        """Return the features of sweeps.
+
+        Args:
+            samples: of each station (n, N), int16, or float before the ADC.
+            full_scale: ADC code of full scale [LSB].
+            index: refractive index of the air (n,).
+        """
+        parts = [self._chunk(tuple(x[i : i + 64] for x in samples), full_scale) for i in range(0, len(samples[0]), 64)]
+        found = [np.concatenate(values) for values in zip(*parts, strict=True)]
+        ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std = found
+        hardware = sum(c.delay for c in self.calibrations)
+        velocity = SPEED_OF_LIGHT / index
+        return SweepFeatures(
+            ramp=ramp,
+            time=self.time,
+            power=power,
+            line=line,
+            mean=mean,
+            beat=beat,
+            amplitude=amplitude,
+            range=(delay - hardware) * velocity,
+            range_std=std * velocity,
+            carrier=carrier,
+            phase_std=phase_std,
+        )
+
+    def _chunk(self, samples: tuple[np.ndarray, np.ndarray], full_scale: float) -> tuple[np.ndarray, ...]:
+        """Return the feature arrays of a chunk; delays instead of ranges."""
+        n = len(samples[0])
+        estimates, base = self.pair.with_basebands(*samples, full_scale)
+        self.time = base.time[0]
+        logs, phases, levels = [], [], []
+        for lines, time in zip(base.lines, base.time, strict=True):
+            log = np.log(np.maximum(np.abs(lines), 1e-9))
+            t = time - time.mean()
+            phase = np.unwrap(np.angle(lines), axis=1)
+            phase -= phase.mean(axis=1)[:, None]
+            phase -= ((phase @ t) / (t @ t))[:, None] * t
+            levels.append(20.0 / np.log(10.0) * log.mean(axis=1) + 20.0 * np.log10(2.0))
+            logs.append(log - log.mean(axis=1)[:, None])
+            phases.append(phase)
+        one, two = phases[0], self.sign * phases[1]
+        ramp = np.stack([*logs, (one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)], axis=1)
+        first, second = estimates
+        beat = first.frequency + self.sign * second.frequency
+        paths = [self._path(estimates, row) for row in range(n)]
+        independent = np.hypot(first.independent_std, second.independent_std)
+        return (
+            ramp,
+            np.stack(base.power, axis=1),
+            np.stack([e.frequency for e in estimates], axis=1),
+            np.stack([x @ w for x, w in zip(samples, self._weights, strict=True)], axis=1),
+            beat,
+            np.stack(levels, axis=1),
+            np.array([p.delay for p in paths]),
+            np.array([p.std for p in paths]),
+            np.array([p.carrier_phase for p in paths]),
+            independent * self.phase_per_frequency,
+        )
+
+    def _path(self, estimates, row: int):
+        """Return the combined delay of one sweep pair."""
+        shares = []
+        for sweep, calibration, e in zip(self.sweeps, self.calibrations, estimates, strict=True):
+            values = (e.frequency[row], e.frequency_std[row], e.phase[row], e.power[row], e.snr[row])
+            beat = Beat(sweep.station, sweep.peer, row, 0, *map(float, values), 0, '', e.independent_std[row], e.window)
+            shares.append(Share(beat, sweep, calibration))
+        return combine(*shares)
+
+
+def local_noise(power: np.ndarray) -> np.ndarray:
+    """Return the noise around each bin of mean spectra (..., B), lines left out: a running median."""
+    return median_filter(power, size=(1,) * (power.ndim - 1) + (_MEDIAN,), mode='nearest')
+
+
+def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:
+    """Return which bins lie at a line (..., B), or beyond what is compared.
+
+    Args:
+        bins: number of bins B.
+        frequency: of the lines (...) [Hz].
+        width: of a bin [Hz].
+        rate: sample rate [Hz].
+    """
+    axis = np.arange(bins) * width
+    close = np.abs(axis - frequency[..., None]) < LINE * width
+    return close | (axis < _EDGE * width) | (axis > rate / 2 - _EDGE * width)
+
+
+def gaussian(ratio: np.ndarray, count: int) -> np.ndarray:
+    """Return a mean of `count` exponential powers over their expectation as a standard normal (Wilson, Hilferty 1931)."""
+    return (np.cbrt(ratio) - (1.0 - 1.0 / (9.0 * count))) * np.sqrt(9.0 * count)
+
+
+def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:
+    """Return ramp features (..., K) as orthonormal cosine series, in which their noise is uncorrelated enough."""
+    return scipy.fft.dct(ramp, norm='ortho', axis=-1)

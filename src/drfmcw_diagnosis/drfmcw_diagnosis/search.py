@@ -1,0 +1,446 @@
+"""Forward search for the effects that explain a recording, joint refinement, pruning, rivals and what is left over."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy import stats
+
+from drfmcw_physics.settings import declared_parameters
+from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects.base import Stage
+
+from .bank import Candidate, candidates
+from .comparison import Comparison
+
+MOST_EFFECTS = 4
+"""Effects in one explanation."""
+
+_TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
+_REFINED = 5  # of them that are refined, by what they bring where the refinement begins
+_STARTS = 2  # places of each kind at which a refinement begins
+_STEPS = 12  # of Levenberg and Marquardt's method
+_TRUST = 0.003  # to which the forward models are trusted, relative to what they add
+_LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
+_HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
+_REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
+_RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
+_WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
+_FEW = 6  # places of rivals that are refined
+_LINE_THRESHOLD = 4.5  # of a bin's mean over the groups, to be tried as a spur
+_LINES = 3  # such bins of each station
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedEffect:
+    """One effect with fitted parameters."""
+
+    candidate: Candidate
+    values: dict[str, float]
+    stds: dict[str, float]
+    told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    """Value and standard deviation of a parameter that the best fit alone would tell wrongly, see `Search.settled`."""
+
+    def build(self) -> Effect:
+        """Return the effect."""
+        return self.candidate.build(self.values)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What it is, apart from its size."""
+        return self.candidate.effect, self.candidate.station
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """Effects fitted together."""
+
+    effects: tuple[FittedEffect, ...]
+    misfit: float  # sum of squared whitened residuals
+    template: np.ndarray  # what they add, whitened
+    evidence: float  # log evidence over no effect at all
+
+    def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
+        """Return the same with what `Search.settled` says of the first effects."""
+        pairs = itertools.zip_longest(self.effects, told, fillvalue={})
+        return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
+
+    @property
+    def keys(self) -> tuple[tuple[str, str], ...]:
+        """What the effects are, apart from their sizes, in order."""
+        return tuple(sorted(e.key for e in self.effects))
+
+
+@dataclasses.dataclass(frozen=True)
+class Leftover:
+    """What one kind of number at one station still holds."""
+
+    kind: str
+    station: int
+    probability: float  # of so much by chance
+    excess: float  # of squared whitened residuals over their number
+
+
+class Fitting:
+    """Fits the parameters of effects to one comparison."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        """Start with forward models that are trusted without limit."""
+        self.comparison = comparison
+        self._share = np.full(len(comparison.residual), _TRUST)
+        self._weight = np.ones(len(comparison.residual))
+
+    def _template(self, effects: Sequence[Effect]) -> np.ndarray:
+        return self.comparison.template(effects)
+
+    def fit(self, start: Sequence[tuple[Candidate, dict[str, float]]], steps: int = _STEPS) -> Fitted:
+        """Fit the parameters of effects together, from given values."""
+        chosen = [c for c, _ in start]
+        names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
+        point = np.array([start[i][1][name] for i, name in names], float)
+        limits = [_bounds(chosen[i].effect, name) for i, name in names]
+        prior = np.array([chosen[i].prior(name) for i, name in names])
+        y = self.comparison.residual
+
+        def effects_at(p: np.ndarray) -> list[Effect]:
+            values = [dict(v) for _, v in start]
+            for (i, name), value, (low, high) in zip(names, p, limits, strict=True):
+                values[i][name] = float(min(max(value, low), high))
+            return [c.build(v) for c, v in zip(chosen, values, strict=True)]
+
+        template = self._template(effects_at(point))
+        misfit = self.misfit(template)
+        damping = 1e-3
+        normal = np.eye(len(point))
+        for _ in range(steps):
+            slope = np.empty((len(point), len(y)))
+            for k, (i, name) in enumerate(names):
+                step = chosen[i].recipe.step(name, point[k])
+                moved = point.copy()
+                moved[k] += step
+                if moved[k] > limits[k][1]:
+                    moved[k] = point[k] - step
+                slope[k] = (self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
+            normal = slope @ slope.T
+            gradient = slope @ ((y - template) * self._weight)
+            improved = False
+            for _ in range(6):
+                matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
+                trial = point + np.linalg.lstsq(matrix, gradient, rcond=None)[0]
+                trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
+                other = self._template(effects_at(trial))
+                value = self.misfit(other)
+                if value < misfit:
+                    improved = True
+                    break
+                damping = max(damping, 1e-6) * 10.0
+            if not improved:
+                break
+            gain, misfit, point, template = misfit - value, value, trial, other
+            damping *= 0.2
+            if gain < 0.01:
+                break
+        covariance = np.linalg.pinv(normal + np.diag(1e-12 / prior**2))
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        fitted = []
+        for number, candidate in enumerate(chosen):
+            mine = [k for k, (i, _) in enumerate(names) if i == number]
+            values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
+            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}))
+        occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
+        evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
+        return Fitted(tuple(fitted), misfit, template, evidence)
+
+    def misfit(self, template: np.ndarray | float) -> float:
+        """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
+        return float(np.sum(((self.comparison.residual - template) * self._weight) ** 2))
+
+    def trust(self, fitted: 'Fitted | None') -> None:
+        """Trust the forward models to a fraction of what they add: differences below it count as noise."""
+        self._weight = np.ones(len(self._share))
+        if fitted is None:
+            return
+        distorting = any(Effect.registry[e.candidate.effect].stage >= Stage.AMPLIFIER for e in fitted.effects)
+        lines = self.comparison.entries.where(kind='lines')
+        self._share = np.where(lines, _HARMONICS_TRUST if distorting else _LINES_TRUST, _TRUST)
+        if distorting:
+            self._share[self.comparison.entries.where(kind='noise')] = _HARMONICS_TRUST
+        self._weight /= np.sqrt(1.0 + (self._share * fitted.template) ** 2)
+
+
+class Search(Fitting):
+    """Searches the bank with one comparison; keeps the templates of the bank."""
+
+    def __init__(self, comparison: Comparison, progress: Callable[[str, float], None] | None = None) -> None:
+        """Compute the templates of the bank.
+
+        Args:
+            comparison: recording and model.
+            progress: called with what is done and the share done.
+        """
+        super().__init__(comparison)
+        self._quarters: dict[tuple, np.ndarray] = {}
+        self._progress = progress or (lambda text, share: None)
+        data = comparison.data
+        calibration = data.calibration[0]
+        found = {name: self._standing_out(number) for number, name in enumerate(data.stations)}
+        calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
+        bank = list(candidates(data.stations, calibrated, found, len(comparison.members)))
+        self.bank: list[Candidate] = []
+        templates = []
+        for number, candidate in enumerate(bank):
+            template = self._template([candidate.build()])
+            if np.linalg.norm(template) > 1e-6:
+                self.bank.append(candidate)
+                templates.append(template.astype(np.float32))
+            if number % 20 == 0:
+                self._progress('templates of the registry', number / len(bank))
+        self.templates = np.array(templates)
+        self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
+
+    def _standing_out(self, station: int) -> tuple[float, ...]:
+        """Return the frequencies at which a station's spectra hold more than noise in all groups [Hz]."""
+        c = self.comparison
+        chosen = c.entries.where(kind='lines', station=station)
+        z = c.residual[chosen].reshape(len(c.members), -1)
+        score = z.sum(axis=0) / np.sqrt(np.maximum(np.count_nonzero(z, axis=0), 1))
+        width = c.data.sweeps[0][0].sample_rate / 2 / (z.shape[1] - 1)
+        peaks = [k for k in np.argsort(score)[::-1][: 4 * _LINES] if score[k] > _LINE_THRESHOLD]
+        apart: list[int] = []
+        for k in peaks:
+            if all(abs(k - other) > 2 for other in apart):
+                apart.append(int(k))
+        return tuple(k * width for k in apart[:_LINES])
+
+    def settled(self, fitted: Fitted) -> Fitted:
+        """Return an explanation whose lengths are told by the echo's delay and not by its carrier phase alone.
+
+        The carrier's phase tells a length to a fraction of a millimetre, but not which of many wavelengths it is, and a
+        reflector may shift it. The misfit at whole turns around the best is a parabola by the delay itself: its vertex
+        is the length, its curvature the deviation.
+        """
+        for number, effect in enumerate(fitted.effects):
+            name, period = effect.candidate.recipe.turn
+            if not name:
+                continue
+            fitted = self._nearest_turn(fitted, number, name, period)
+            fits = []
+            for shift in (-period, 0.0, period):
+                start = [(e.candidate, dict(e.values)) for e in fitted.effects]
+                start[number][1][name] += shift
+                fits.append(self.fit(start, 4))
+            left, middle, right = (f.misfit for f in fits)
+            curvature = left - 2.0 * middle + right
+            if curvature <= 0.0:
+                continue
+            vertex = 0.5 * (left - right) / curvature
+            best = fits[1].effects[number]
+            value = best.values[name] + float(np.clip(vertex, -1.0, 1.0)) * period
+            std = math.hypot(period * math.sqrt(2.0 / curvature), period * _REFLECTION)
+            effects = list(fits[1].effects)
+            effects[number] = dataclasses.replace(best, told={name: (value, std)})
+            fitted = dataclasses.replace(fits[1], effects=tuple(effects))
+        return fitted
+
+    def _nearest_turn(self, fitted: Fitted, number: int, name: str, period: float) -> Fitted:
+        """Return the explanation with the whole number of turns that fits best."""
+        while True:
+            others = []
+            for turns in (-3, -2, -1, 1, 2, 3):
+                start = [(e.candidate, dict(e.values)) for e in fitted.effects]
+                start[number][1][name] += turns * period
+                others.append(self.fit(start, 4))
+            best = min(others, key=lambda f: f.misfit)
+            if best.misfit >= fitted.misfit - 0.01:
+                return fitted
+            fitted = best
+
+    def _promising(self, residual: np.ndarray, exclude: set[tuple[str, str]]) -> list[tuple[float, Candidate, dict]]:
+        """Return (promised gain, candidate, values) of the bank's places, best first."""
+        weight = (self._weight**2).astype(np.float32)
+        power = np.einsum('ij,ij,j->i', self.templates, self.templates, weight)
+        overlap = self.templates @ (residual * weight).astype(np.float32)
+        found = []
+        number = 0
+        while number < len(self.bank):
+            candidate = self.bank[number]
+            if candidate.key in exclude:
+                number += 1
+                continue
+            found.append(self._scaled(candidate, float(overlap[number]), float(power[number]), residual))
+            number += 1
+        return sorted(found, key=lambda item: -item[0])
+
+    def _scaled(
+        self, candidate: Candidate, overlap: float, power: float, residual: np.ndarray
+    ) -> tuple[float, Candidate, dict]:
+        """Return what scaling one template promises, and the values with which to begin."""
+        recipe, values = candidate.recipe, dict(candidate.values)
+        if not recipe.size:
+            return 2.0 * overlap - power, candidate, values
+        if recipe.per_group:
+            return self._scaled_by_group(candidate, residual)
+        scale = overlap / power
+        turn, quarter = recipe.quadrature
+        gain = overlap**2 / power
+        if turn:
+            shifted = dict(values) | {turn: values[turn] + quarter if turn in values else quarter}
+            second = self._quarter(candidate, shifted)
+            second_scale = float(second @ residual) / max(float(second @ second), 1e-30)
+            gain += second_scale**2 * float(second @ second)
+            angle = math.atan2(second_scale, scale)
+            values[turn] = values.get(turn, 0.0) + quarter * angle / (math.pi / 2.0)
+            scale = math.hypot(scale, second_scale)
+        if recipe.decibel:
+            if scale <= 0.0:
+                return 0.0, candidate, values
+            values[recipe.size] += 20.0 * math.log10(scale)
+        else:
+            values[recipe.size] *= scale
+        low, high = _bounds(candidate.effect, recipe.size)
+        values[recipe.size] = min(max(values[recipe.size], low), high)
+        return gain, candidate, values
+
+    def _scaled_by_group(self, candidate: Candidate, residual: np.ndarray) -> tuple[float, Candidate, dict]:
+        """Return what scaling a template in each group on its own promises, and the values with which to begin."""
+        template = self._template([candidate.build()])
+        gain, values = 0.0, {}
+        low, high = _bounds(candidate.effect, candidate.recipe.size)
+        for number, (name, value) in enumerate(candidate.values.items()):
+            inside = self.comparison.entries.group == number
+            power = float(template[inside] @ template[inside])
+            overlap = float(template[inside] @ residual[inside])
+            scale = overlap / power if power > 0.0 else 0.0
+            gain += scale * overlap
+            values[name] = min(max(scale * value, low), high)
+        return gain, candidate, values
+
+    def _quarter(self, candidate: Candidate, values: dict) -> np.ndarray:
+        """Return the template a quarter turn on; kept."""
+        key = (candidate.effect, candidate.station, tuple(sorted(values.items())))
+        if key not in self._quarters:
+            self._quarters[key] = self._template([candidate.build(values)]).astype(np.float32)
+        return self._quarters[key]
+
+    def best_addition(self, current: Fitted | None) -> list[Fitted]:
+        """Return explanations with one more effect than `current`, refined, best first."""
+        residual = self.comparison.residual - (current.template if current else 0.0)
+        have = {e.key for e in current.effects} if current else set()
+        promising = self._promising(residual, have)
+        chosen: dict[tuple, list] = {}
+        for gain, candidate, values in promising:
+            if gain < 9.0:
+                break
+            places = chosen.setdefault((candidate.key, candidate.free), [])
+            if len(places) < _STARTS:
+                places.append((gain, candidate, values))
+        kinds = sorted(chosen.values(), key=lambda places: -places[0][0])[:_TRIED]
+        base = [(e.candidate, e.values) for e in current.effects] if current else []
+        starts = []
+        for places in kinds:
+            at = [self.fit([*base, (candidate, values)], 0) for _, candidate, values in places]
+            starts.append(min(at, key=lambda f: f.misfit))
+        results = []
+        for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):
+            self._progress('refinement', number / _REFINED)
+            results.append(self.fit([(e.candidate, e.values) for e in start.effects]))
+        return sorted(results, key=lambda f: -f.evidence)
+
+    def probability(self, gain: float, freedom: int) -> float:
+        """Return the chance that noise alone gains as much somewhere in the bank (Bonferroni over its places)."""
+        return float(min(1.0, len(self.bank) * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
+
+    # --- what is left ---
+
+    def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
+        """Return what each kind of number still holds, least probable first.
+
+        The forward models are trusted to half a per cent of what they add.
+        """
+        c = self.comparison
+        template = fitted.template if fitted else np.zeros(len(c.residual))
+        rest = (c.residual - template) / np.sqrt(1.0 + (self._share * template) ** 2)
+        found = []
+        kinds = [(k, int(s)) for k in dict.fromkeys(c.entries.kind) for s in np.unique(c.entries.station)]
+        for kind, station in kinds:
+            z = rest[c.entries.where(kind=kind, station=station)]
+            z = z[z != 0.0]
+            if len(z) < 4:
+                continue
+            # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
+            freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
+            chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
+            largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
+            found.append(Leftover(kind, station, min(1.0, 2.0 * min(chi, largest)), float(np.sum(z**2) - len(z))))
+        count = len(found)
+        found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
+        return sorted(found, key=lambda f: f.probability)
+
+    # --- rivals ---
+
+    def rivals(self, fitted: Fitted) -> list[Fitted]:
+        """Return explanations with one effect replaced by another that fit nearly alike, best first."""
+        found: dict[tuple, Fitted] = {}
+        for left_out in range(len(fitted.effects)):
+            kept = [e for i, e in enumerate(fitted.effects) if i != left_out]
+            base = [(e.candidate, e.values) for e in kept]
+            template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
+            residual = self.comparison.residual - template
+            exclude = {e.key for e in fitted.effects}
+            goal = self.misfit(template) - fitted.misfit
+            tried: dict[tuple, int] = {}
+            for gain, candidate, values in self._promising(residual, exclude):
+                if gain < 0.3 * goal or len(tried) >= _FEW:
+                    break
+                if tried.get(candidate.key, 0) >= 2:
+                    continue
+                tried[candidate.key] = tried.get(candidate.key, 0) + 1
+                other = self.fit([*base, (candidate, values)])
+                if other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE:
+                    known = found.get(other.keys)
+                    if known is None or other.misfit < known.misfit:
+                        found[other.keys] = other
+        return sorted(found.values(), key=lambda f: -f.evidence)
+
+
+def _bounds(effect: str, name: str) -> tuple[float, float]:
+    """Return the declared bounds of a parameter."""
+    _, declared = declared_parameters(Effect.registry[effect])[name.partition('[')[0]]
+    return declared.bounds or (-math.inf, math.inf)
+
+
+def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, float, list[list[Fitted]]]:
+    """Return the effects that the data demand, the chance of the first, and the ranking of each round.
+
+    Args:
+        search: prepared.
+        false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
+    """
+    current: Fitted | None = None
+    significance = 1.0
+    rounds = []
+    search.trust(None)
+    for _ in itertools.repeat(None, MOST_EFFECTS):
+        if current is not None:
+            search.trust(current)
+            told = [e.told for e in current.effects]
+            current = search.fit([(e.candidate, e.values) for e in current.effects], 4)
+            current = current.with_told(told)
+        ranked = search.best_addition(current)
+        rounds.append(ranked)
+        if not ranked:
+            break
+        best = ranked[0]
+        before = current.misfit if current else search.misfit(0.0)
+        freedom = sum(len(e.candidate.free) for e in best.effects)
+        freedom -= sum(len(e.candidate.free) for e in current.effects) if current else 0
+        chance = search.probability(before - best.misfit, freedom)
+        if current is None:
+            significance = chance
+        needed = current.evidence if current else 0.0
+        if chance > false_alarm_rate or best.evidence <= needed + 1.0:
+            break
+        current = search.settled(best)
+    return current, significance, rounds
