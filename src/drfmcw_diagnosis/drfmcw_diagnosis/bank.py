@@ -101,7 +101,9 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
                quadrature=('phase', np.pi / 2.0), steps={'frequency': 0.01, 'phase': 0.01}),
     ),
     'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
-    'clipping': (Recipe('', {}, {'level': 20.0}, {'level': tuple(np.arange(-56.0, -2.0, 3.0).tolist())}, steps={'level': 0.1}),),
+    'clipping': (
+        Recipe('', {}, {'level': 20.0}, {'level': tuple(np.arange(-56.0, -2.0, 3.0).tolist())}, steps={'level': 0.1}),
+    ),
     'compression': (Recipe('third_order', {'third_order': 0.01}, {'third_order': 0.3}),),
     'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
     'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),

@@ -184,7 +184,7 @@ class Comparison:
         return noise, std
 
     def _movement(self, sweeps: SweepFeatures, standing: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the displacement within a group by the carrier phase [m] (n,) and its deviation; inf where it drives."""
+        """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf on a drive."""
         wave = SPEED_OF_LIGHT / self.data.sweeps[0][0].center_frequency / (4.0 * np.pi)
         turned = np.unwrap(sweeps.carrier) * wave
         std = np.hypot(sweeps.phase_std * wave, _MOVEMENT_LIMIT)
@@ -343,7 +343,7 @@ class Comparison:
         return [way[local] - way[local].mean() for local in part.local]
 
     def _predicted_noise(self, state: Measurements, line: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, 2, BANDS): floor, quantisation, skirts."""
+        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, 2, BANDS): floor and skirts."""
         rate = state.stations[0].sweep.sample_rate
         centre = (np.arange(BANDS * 16) + 0.5) * (rate / 2 / (BANDS * 16))
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]

@@ -171,7 +171,7 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
 
 
 def gaussian(ratio: np.ndarray, count: int) -> np.ndarray:
-    """Return a mean of `count` exponential powers over their expectation as a standard normal (Wilson, Hilferty 1931)."""
+    """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
     return (np.cbrt(ratio) - (1.0 - 1.0 / (9.0 * count))) * np.sqrt(9.0 * count)
 
 

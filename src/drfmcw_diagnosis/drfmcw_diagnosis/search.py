@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import stats
+from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
@@ -24,6 +25,7 @@ _STARTS = 2  # places of each kind at which a refinement begins
 _STEPS = 12  # of Levenberg and Marquardt's method
 _TRUST = 0.003  # to which the forward models are trusted, relative to what they add
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
+_HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
@@ -89,7 +91,6 @@ class Fitting:
     def __init__(self, comparison: Comparison) -> None:
         """Start with forward models that are trusted without limit."""
         self.comparison = comparison
-        self._share = np.full(len(comparison.residual), _TRUST)
         self._weight = np.ones(len(comparison.residual))
 
     def _template(self, effects: Sequence[Effect]) -> np.ndarray:
@@ -159,15 +160,21 @@ class Fitting:
 
     def trust(self, fitted: 'Fitted | None') -> None:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""
-        self._weight = np.ones(len(self._share))
+        self._weight = 1.0 / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+
+    def doubt(self, fitted: 'Fitted | None') -> np.ndarray:
+        """Return how far each whitened number may be off because the forward models are not exact."""
+        entries = self.comparison.entries
         if fitted is None:
-            return
-        distorting = any(Effect.registry[e.candidate.effect].stage >= Stage.AMPLIFIER for e in fitted.effects)
-        lines = self.comparison.entries.where(kind='lines')
-        self._share = np.where(lines, _HARMONICS_TRUST if distorting else _LINES_TRUST, _TRUST)
-        if distorting:
-            self._share[self.comparison.entries.where(kind='noise')] = _HARMONICS_TRUST
-        self._weight /= np.sqrt(1.0 + (self._share * fitted.template) ** 2)
+            return np.zeros(len(entries.kind))
+        lines = entries.where(kind='lines')
+        size = np.abs(fitted.template)
+        if not any(Effect.registry[e.candidate.effect].stage >= Stage.AMPLIFIER for e in fitted.effects):
+            return np.where(lines, _LINES_TRUST, _TRUST) * size
+        # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
+        bins = self.comparison.measured.lines.shape[-1]
+        size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
+        return np.where(lines | entries.where(kind='noise'), _HARMONICS_TRUST, _TRUST) * size
 
 
 class Search(Fitting):
@@ -357,11 +364,11 @@ class Search(Fitting):
     def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
         """Return what each kind of number still holds, least probable first.
 
-        The forward models are trusted to half a per cent of what they add.
+        What the forward models may be off by counts as noise, see `doubt`.
         """
         c = self.comparison
         template = fitted.template if fitted else np.zeros(len(c.residual))
-        rest = (c.residual - template) / np.sqrt(1.0 + (self._share * template) ** 2)
+        rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
         found = []
         kinds = [(k, int(s)) for k in dict.fromkeys(c.entries.kind) for s in np.unique(c.entries.station)]
         for kind, station in kinds:

@@ -110,7 +110,7 @@ class FusionNode(Node):
         self._first.subscription(StationCalibration, f'/{station}/calibration', self._calibration, latched)
         self._first.subscription(StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
         qos.subscription(
-            self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.RELIABLE, batch=True, gather=_GATHER
+            self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.DEEP, batch=True, gather=_GATHER
         )
         for pair in self._pairs:
             if station in pair and pair[0] != pair[1]:

@@ -72,7 +72,7 @@ class RecorderNode(Node):
             self._known.add(topic)
             self._writer.add_topic(topic, kind)
             write = functools.partial(self._write, topic, kind)
-            profile = qos.latched_subscription(64) if is_latched(topic) else qos.RECORDING
+            profile = qos.latched_subscription(64) if is_latched(topic) else qos.DEEP
             qos.subscription(self, message_class(kind), topic, write, profile, batch=True, raw=True)
             self.get_logger().info(f'recording {topic}')
 

@@ -132,7 +132,7 @@ class Estimator:
     """Window by which the estimate weighs the samples, where that is not the window of the search."""
 
     chunk: ClassVar[int] = 1 << 18
-    """Samples worked on at once: many, to share the overhead of calls, few enough for their temporaries in the cache."""
+    """Samples worked on at once: many, to share the overhead of calls, few enough for the cache."""
 
     def __init__(
         self,

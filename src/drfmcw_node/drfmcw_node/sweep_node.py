@@ -63,7 +63,7 @@ class SweepNode(Node):
     def _publish_results_of(self, station: str, prefix: str) -> None:
         """Create the publishers of a station's results; `prefix` stands before the topics' last names."""
         self._results[station] = (
-            qos.publisher(self, BeatFrequency, f'{prefix}beat_frequency', qos.RELIABLE),
+            qos.publisher(self, BeatFrequency, f'{prefix}beat_frequency', qos.DEEP),
             qos.publisher(self, IfSpectrum, f'{prefix}if_spectrum', qos.RELIABLE),
         )
 

@@ -18,13 +18,13 @@ RELIABLE = QoSProfile(
 )
 """Streams: reliable (REP 2003), deep enough for 0.4 s at 1000 sweeps/s."""
 
-RECORDING = QoSProfile(
+DEEP = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=5000,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""What a recorder asks for: deep enough to sit out a slow disk."""
+"""What a recorder asks for, and results, which are small: deep enough to sit out seconds without a processor."""
 
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
