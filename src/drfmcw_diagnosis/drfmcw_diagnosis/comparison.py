@@ -214,13 +214,15 @@ class Comparison:
             if not effects:
                 self._plain_power |= dict(zip(part.groups.tolist(), features.power, strict=True))
             for row, g in enumerate(part.groups.tolist()):
-                added = np.maximum(features.power[row] - self._plain_power[g], 0.0)
+                added = np.maximum(features.power[row] - self._plain_power[g], 0.0).astype(float)
                 added[self._at_line(features.line[row], added.shape[-1])] = 0.0
                 noise, floor = self._raised(quiet[row], added, features.line[row])
+                around = np.ones(added.shape)
                 if distorting:
                     noise = self.plain.noise[g] + changed[row]
-                # where lines are so many that they raise the median around, the noise itself is what they add to
-                around = np.where(self.std.lines[g] > _RAISED * floor, floor / self.std.lines[g], 1.0)
+                    # where harmonics raise the median around, the noise itself is what they add to
+                    raised = self.std.lines[g] > _RAISED * floor
+                    around[raised] = (floor / self.std.lines[g])[raised]
                 found[g] = Groups(
                     ramp_spectrum(features.ramp[row]),
                     around + added / self.std.lines[g],

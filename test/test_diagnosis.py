@@ -1,0 +1,133 @@
+"""Diagnosis of recordings made by the independent generator, and of recordings by others."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drfmcw_diagnosis.bank import RECIPES
+from drfmcw_diagnosis.comparison import Comparison
+from drfmcw_diagnosis.dataset import read_dataset
+from drfmcw_diagnosis.diagnose import main
+from drfmcw_diagnosis.engine import diagnose
+from drfmcw_diagnosis.proof.cases import Extent, random_condition
+from drfmcw_diagnosis.proof.effects import Applied, conceal
+from drfmcw_diagnosis.proof.generator import nominal
+from drfmcw_diagnosis.proof.recordings import write_recording
+from drfmcw_physics.settings import declared_parameters
+from drfmcw_sim.effects import Effect
+
+DATA = Path(__file__).parent / 'data'
+EXTENT = Extent(settings=7, sweeps=12)
+
+
+def recorded(path, seed, *effects):
+    """A recording of 7 distances x 12 sweeps that conceals effects."""
+    condition = random_condition(np.random.default_rng(seed), EXTENT)
+    write_recording(conceal(nominal(condition), effects), path)
+    return path
+
+
+def test_every_recipe_fits_its_effect():
+    """Parameters, priors and grids name what the registry declares, and every place of the bank can be built."""
+    for effect, recipes in RECIPES.items():
+        declared = declared_parameters(Effect.registry[effect])
+        for recipe in recipes:
+            assert set(recipe.prior) <= set(declared)
+            assert {*recipe.start, *recipe.grid, *filter(None, (recipe.size, recipe.turn[0]))} <= set(declared)
+            assert set(recipe.prior) <= {*recipe.start, *recipe.grid, recipe.quadrature[0]}
+            assert all(prior > 0 for prior in recipe.prior.values())
+
+
+def test_residuals_of_a_recording_by_others_are_noise():
+    """recording_0 conceals nothing: chi-square of each kind of number, by the spread of so many normal numbers.
+
+    Bands are 4.5 standard deviations and the limits of the model; the recording is fixed, so nothing is by chance.
+    """
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    residual, entries = comparison.residual, comparison.entries
+    for kind, low, high in (
+        ('ramp', 0.93, 1.07),
+        ('lines', 0.93, 1.07),
+        ('beat', 0.2, 2.7),
+        ('amplitude', 0.2, 2.2),
+        ('range', 0.2, 2.7),
+        ('movement', 0.5, 1.5),
+        ('noise', 0.3, 1.5),
+        ('mean', 0.2, 2.2),
+    ):
+        numbers = residual[entries.where(kind=kind)]
+        numbers = numbers[numbers != 0.0]
+        assert low < np.mean(numbers**2) < high, kind
+
+
+def test_prediction_without_effects_adds_nothing():
+    comparison = Comparison(read_dataset(DATA / 'recording_0'), np.arange(48))
+    assert not np.any(comparison.template(()))
+
+
+def test_templates_are_smooth_in_the_size():
+    """Twice a small size adds twice as much, on every level: the search relies on it."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'), np.arange(96))
+    for effect, recipes in RECIPES.items():
+        recipe = recipes[0]
+        if not recipe.size or recipe.decibel or recipe.per_group or effect == 'compression':
+            continue
+        shape = {name: values[len(values) // 2] for name, values in recipe.grid.items()}
+        station = 'master' if Effect.registry[effect].of == 'station' else ''
+
+        def added(scale, effect=effect, recipe=recipe, shape=shape, station=station):
+            size = recipe.start[recipe.size] * scale
+            value = (size,) if recipe.size == 'velocity' else size
+            parameters = dict(recipe.start) | shape | {recipe.size: value}
+            return comparison.template([Effect.registry[effect](**parameters, station=station)])
+
+        once, twice = added(1.0), added(2.0)
+        assert np.linalg.norm(twice - 2.0 * once) < 0.03 * np.linalg.norm(twice) + 0.03, effect
+
+
+@pytest.mark.slow
+def test_nothing_concealed_is_consistent(tmp_path):
+    """False failure: the stated rate of 1 % for a seed nobody chose; this seed passes."""
+    found = diagnose(recorded(tmp_path / 'null', 21))
+    assert found.verdict == 'consistent'
+    assert found.explanation is None and found.significance > 0.01
+    assert 0.9 < found.fit.held_out.before < 1.1
+
+
+@pytest.mark.slow
+def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
+    """Effect, station, size within 4 of its standard deviations; held-out misfit falls to the noise."""
+    truth = Applied('sweep_ripple', 'slave', {'deviation': 700.0, 'rate': 14000.0})
+    path = recorded(tmp_path / 'ripple', 22, truth)
+    out = tmp_path / 'finding'
+    assert main([str(path), '--out', str(out)]) == 0
+    finding = json.loads((out / 'finding.json').read_text(encoding='utf-8'))
+    assert finding['verdict'] == 'explained'
+    (effect,) = finding['effects']
+    assert (effect['effect'], effect['station']) == ('sweep_ripple', 'slave')
+    for name, expected in truth.parameters.items():
+        if name in ('deviation', 'rate'):
+            told = effect['parameters'][name]
+            assert abs(abs(told['value']) - expected) < 4 * told['std']
+    assert finding['fit']['held_out']['after'] < 1.08 < finding['fit']['held_out']['before']
+    assert finding['locations'][0]['level'] == 'if_samples' and finding['locations'][0]['axis'] == 'ramp_time'
+    assert (out / 'refined.yaml').exists() and '</html>' in (out / 'report.html').read_text(encoding='utf-8')
+
+
+@pytest.mark.slow
+def test_what_is_not_in_the_registry_is_described_and_not_named(tmp_path):
+    """A stuck bit of the ADC: a mismatch far beyond chance, and no effect claimed."""
+    path = recorded(tmp_path / 'stuck', 23, Applied('stuck_bit', 'master', {'bit': 4, 'value': 1}))
+    found = diagnose(path)
+    assert found.verdict == 'unexplained' and found.explanation is None
+    assert found.significance < 1e-3
+    assert any(x.station == 'master' for x in found.locations)
+
+
+def test_a_recording_without_what_is_needed_is_refused_in_one_line(tmp_path, capsys):
+    assert main([str(tmp_path / 'nothing')]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert main([str(DATA / 'recording_0'), '--false-alarm-rate', '2']) == 2
+    assert '--false-alarm-rate = 2 is not between 0 and 1' in capsys.readouterr().err
