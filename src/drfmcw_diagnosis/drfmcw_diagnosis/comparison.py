@@ -205,7 +205,7 @@ class Comparison:
             for effect in sorted(effects, key=lambda e: e.stage):
                 effect.prepare(state)
             features = self._simulated(part, effects)
-            reference = self._reference(part.steady, effects)
+            reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
             quiet = self._predicted_noise(state, features.line, features.amplitude)
             velocity = self._velocity(part.steady, effects)
@@ -296,11 +296,17 @@ class Comparison:
         rate = self.data.sweeps[0][0].sample_rate
         return near_line(bins, line, rate / 2 / (bins - 1), rate)
 
-    def _reference(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
+    def _reference(self, part: _Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way."""
+        m = part.steady
+        slope = np.where(self.standing, 0.0, self.slope)[part.groups]
+
+        def distance_at(time):
+            return m.range + slope * (time - m.time)
+
         reading = m.range.copy()
         for effect in effects:
-            reading = reading + effect.reference_error(m.time, m.range, self._distance_at)
+            reading = reading + effect.reference_error(m.time, m.range, distance_at)
         return reading
 
     def _raised(self, quiet: np.ndarray, added: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -329,9 +335,6 @@ class Comparison:
             if effect.name == 'target_motion':
                 effect.prepare(driven)
         return driven.velocity
-
-    def _distance_at(self, time: np.ndarray | float) -> np.ndarray | float:
-        return np.interp(time, self.data.time, self.data.distance)
 
     def _displacement(self, part: _Part, effects: Sequence[Effect]) -> list[np.ndarray]:
         """Return the movement within each group [m], (n of group,) each."""
