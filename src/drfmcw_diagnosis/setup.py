@@ -22,6 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'diagnose = drfmcw_diagnosis.diagnose:main',
+            'prove = drfmcw_diagnosis.prove:main',
         ],
     },
 )

@@ -1,0 +1,166 @@
+"""Judges a finding by the truth that was sealed: pure rules over two JSON objects."""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+OUTCOMES = ('right', 'undecided', 'unnamed', 'wrong', 'missed', 'failed')
+"""What a finding can be worth.
+
+right: the verdict and every effect with its station; undecided: the truth is among the explanations named, but one
+recording would have told; unnamed: an effect of the registry was called unexplained; wrong: a name that is not the
+truth, or a mismatch where there is none; missed: a mismatch called consistent; failed: no finding at all.
+"""
+
+TOLERATED_SHARE = 0.9
+"""Of the excess misfit that levels which do hold a mismatch must have, for 'unexplained' to be no false alarm."""
+
+Key = tuple[str, str | None]
+Explained = frozenset[Key]
+
+
+@dataclasses.dataclass(frozen=True)
+class Pull:
+    """One parameter of an effect that was named rightly."""
+
+    effect: str
+    parameter: str
+    truth: float
+    value: float
+    std: float
+
+    @property
+    def pull(self) -> float:
+        """Error in stated standard deviations."""
+        return (self.value - self.truth) / self.std
+
+
+@dataclasses.dataclass(frozen=True)
+class Judgement:
+    """What a finding is worth, and why."""
+
+    outcome: str
+    reason: str
+    truth: Explained
+    named: tuple[Explained, ...]  # explanations in the finding, the chosen one first
+    pulls: tuple[Pull, ...] = ()
+
+    def as_object(self) -> dict[str, Any]:
+        """Return a JSON-ready object."""
+        return {
+            'outcome': self.outcome,
+            'reason': self.reason,
+            'truth': words(self.truth),
+            'named': [words(e) for e in self.named],
+            'pulls': [{**dataclasses.asdict(p), 'pull': p.pull} for p in self.pulls],
+        }
+
+
+def words(explanation: Explained) -> str:
+    """Return an explanation as one text, such as 'spur (master) + echo'."""
+    return ' + '.join(sorted(f'{e} ({s})' if s else e for e, s in explanation)) or 'nothing'
+
+
+def keys(effects: Sequence[Mapping[str, Any]]) -> Explained:
+    """Return effects with their stations, without sizes."""
+    return frozenset((e['effect'], e['station']) for e in effects)
+
+
+def judge(truth: Mapping[str, Any], finding: Mapping[str, Any]) -> Judgement:
+    """Return what a finding is worth.
+
+    Args:
+        truth: as sealed, see `proof.cases.Case.truth`.
+        finding: as the tool wrote it, see `result.Diagnosis.as_object`.
+    """
+    wanted = keys(truth['effects'])
+    named: tuple[Explained, ...] = ()
+    if finding['effects']:
+        named = keys(finding['effects']), *(keys(a['effects']) for a in finding['alternatives'])
+    outcome, reason = _outcome(truth, finding, wanted, named)
+    pulls: tuple[Pull, ...] = ()
+    if named and named[0] == wanted:
+        pulls = tuple(_pulls(truth['effects'], finding['effects']))
+    return Judgement(outcome, reason, wanted, named, pulls)
+
+
+def _outcome(
+    truth: Mapping[str, Any], finding: Mapping[str, Any], wanted: Explained, named: tuple[Explained, ...]
+) -> tuple[str, str]:
+    verdict = finding['verdict']
+    if not wanted:
+        return _of_null(truth, finding, named)
+    if verdict == 'consistent':
+        return 'missed', 'called consistent'
+    if not all(e['registered'] for e in truth['effects']):
+        if verdict == 'unexplained':
+            return 'right', 'unexplained, as it should be'
+        return 'wrong', f'outside the registry, yet called {verdict}'
+    if verdict == 'unexplained':
+        return 'unnamed', 'in the registry, yet called unexplained'
+    rivals = {keys(rival) for rival in truth['rivals']}
+    if verdict == 'explained':
+        if named[0] in rivals:
+            return 'wrong', 'one of several explanations that the data cannot tell apart, called the only one'
+        if named[0] != wanted:
+            return 'wrong', _difference(named[0], wanted)
+        if verdict not in truth['verdicts']:
+            return 'wrong', 'the truth, but called the only explanation where the data cannot tell'
+        return 'right', 'named'
+    if wanted not in named:
+        return 'wrong', 'ambiguous, the truth not among the explanations'
+    if rivals and not rivals & set(named):
+        return 'wrong', 'ambiguous, none of the true rivals among the explanations'
+    if verdict not in truth['verdicts']:
+        return 'undecided', 'ambiguous, the truth among the explanations'
+    return 'right', 'ambiguous, the truth and its rivals named' if rivals else 'ambiguous, the truth named'
+
+
+def _of_null(truth: Mapping[str, Any], finding: Mapping[str, Any], named: tuple[Explained, ...]) -> tuple[str, str]:
+    verdict = finding['verdict']
+    if verdict == 'consistent':
+        return 'right', 'consistent'
+    if verdict == 'unexplained':
+        tolerated = (x['share'] for x in finding['locations'] if x['level'] in truth['tolerated_levels'])
+        if sum(tolerated) >= TOLERATED_SHARE:
+            return 'right', 'unexplained at a level that does hold a mismatch'
+    elif all(effect in truth['tolerated'] for effect, _ in named[0]):
+        return 'right', 'named a mismatch that the recording does hold'
+    return 'wrong', f'false alarm: {verdict}'
+
+
+def _difference(found: Explained, wanted: Explained) -> str:
+    if sorted(e for e, _ in found) == sorted(e for e, _ in wanted):
+        return 'wrong station'
+    if found < wanted:
+        return 'named only a part'
+    if found > wanted:
+        return 'named more than there is'
+    return 'wrong name'
+
+
+def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> Iterator[Pull]:
+    """Yield the parameters that truth and finding both state; phases are left out, they tell the sign of a size."""
+    for truth in truths:
+        (same,) = (f for f in found if (f['effect'], f['station']) == (truth['effect'], truth['station']))
+        unsigned = 'phase' in same['parameters']
+        for name, value in truth['parameters'].items():
+            several = value if isinstance(value, list) else None
+            for index, true in enumerate(several or [value]):
+                stated = same['parameters'].get(f'{name}[{index}]' if several else name)
+                if name == 'phase' or not stated or not stated['value'] or not stated['std']:
+                    continue
+                estimate = abs(stated['value']) if unsigned else stated['value']
+                if math.isfinite(true):
+                    yield Pull(truth['effect'], name, float(true), estimate, stated['std'])
+
+
+def detected(record: Mapping[str, Any]) -> bool:
+    """Return whether a case's finding says that there is a mismatch."""
+    return record['finding'] is not None and record['finding']['verdict'] != 'consistent'
+
+
+def size(truth: Mapping[str, Any]) -> float:
+    """Return the matched signal-to-noise d of all effects together, taken as independent."""
+    return math.sqrt(sum(e['d']['total'] ** 2 for e in truth['effects']))
