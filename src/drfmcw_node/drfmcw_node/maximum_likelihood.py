@@ -30,7 +30,7 @@ FINE = 16
 """Demodulation frequencies per bin."""
 
 _TERMS = 7  # of the Taylor series, good to 1e-7 for a quarter bin
-_STEPS = 4  # of Newton's method
+_STEPS = 3  # of Newton's method
 _SEARCH_LIMIT = 10.0 ** (19.0 / 10.0)  # of bin power over noise, below which the search is repeated without window
 _PADDING = 4  # of that search
 _SIDE_LOBE = 1.0 / 16.0  # of a line's power in the windowed spectrum, below which it is none; 3.7 sigma at 13 dB
