@@ -6,6 +6,7 @@ import dataclasses
 import io
 import itertools
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -96,13 +97,18 @@ def document(run: Run, records: Sequence[Record]) -> str:
         '## All cases',
         f'With their seals: [cases.csv]({_PLOTS}/cases.csv).',
     ]
-    return '\n\n'.join(parts) + '\n'
+    blocks = '\n\n'.join(parts).split('\n\n')
+    return '\n\n'.join(b if b[0] in '#|!' else _wrapped(b) for b in blocks) + '\n'
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def _what(run: Run, records: Sequence[Record]) -> str:
     text = (
         'Recordings by a generator that shares no forward code with simulator and diagnosis '
-        '([source](../src/drfmcw_diagnosis/drfmcw_diagnosis/proof/cases.py)). The truth of each is sealed and its '
+        '(`drfmcw_diagnosis.proof`). The truth of each is sealed and its '
         'SHA-256 announced before the diagnosis starts, in a process of its own that is given nothing but the '
         "recording's path; the seal is opened after.\n\n"
         '| | |\n|---|---|\n'
@@ -229,7 +235,7 @@ def _parameters(records: Sequence[Record]) -> str:
     every = [p['pull'] for p in pulls]
     middle = 1.4826 * float(np.median(np.abs(every)))
     return (
-        'Pull: error in stated standard deviations, of effects named rightly; phases are left out.\n\n'
+        'Pull: error in stated standard deviations, where the explanation put first is the truth; without phases.\n\n'
         + _table(('effect', 'parameter', 'mean pull', 'std of pull', 'within 3'), rows)
         + f'\n\nAll {len(every)}: root mean square {math.sqrt(np.mean(np.square(every))):.2f}, 1.48 times the median '
         f'of the magnitudes {middle:.2f} (1 if the stated deviations are true), within 3: '

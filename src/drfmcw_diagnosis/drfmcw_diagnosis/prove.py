@@ -36,8 +36,8 @@ _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a sou
 _MANIFEST, _LOCK = 'proof.json', '.lock'
 _PATIENCE = 1800.0  # for one diagnosis [s]
 
-QUICK_SHARE = 0.5
-"""Of the cases of --quick that have to be right, see docs/proof.md."""
+QUICK_SHARE = 0.55
+"""Of the cases of --quick that have to be right: 8 of 12 were when it was set; one less may be for other libraries."""
 
 
 def parser() -> argparse.ArgumentParser:
