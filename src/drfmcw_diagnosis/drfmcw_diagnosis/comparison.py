@@ -20,11 +20,13 @@ from .features import BANDS, LINE, Extractor, SweepFeatures, gaussian, local_noi
 
 _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take out of the ramp
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
-_NOISE_LIMIT = 0.1  # what the model of noise and skirt is trusted to [dB]
+_FLOOR_LIMIT = 0.02  # what the model of a white floor is trusted to [dB]
+_SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
 _AMPLITUDE_LIMIT = 0.02  # what the link budget is trusted to [dB]
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _BEAT_LIMIT = 10.0  # what T_off is trusted to on average, in beat frequency [Hz]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
+_POOL = 30.0  # sweeps that the scatter in all groups counts for in each
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _DISTORTED = 12  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
@@ -105,6 +107,7 @@ class Comparison:
         self.measured, self.std = self._measure()
         self._plain_power: dict[int, np.ndarray] = {}
         self.plain = self.predict(())
+        self.std = dataclasses.replace(self.std, noise=np.hypot(self.std.noise, self._noise_limit()))
         self.entries = self._layout()
         self.residual = self._vector(self.measured)
 
@@ -122,6 +125,14 @@ class Comparison:
 
     def _measure(self) -> tuple[Groups, Groups]:
         """Return the measured features of all groups and their standard deviations."""
+        errors_of_range = [s.range - self.data.distance[m] for s, m in zip(self.sweeps, self.members, strict=True)]
+        expected = [
+            np.mean(s.range_std**2 + np.nan_to_num(self.data.reference_std[m]) ** 2)
+            for s, m in zip(self.sweeps, self.members, strict=True)
+        ]
+        range_std = _pooled([e[:, None] for e in errors_of_range], np.array(expected))[:, 0]
+        beat_std = _pooled([s.beat[:, None] for s in self.sweeps])[:, 0]
+        amplitude_std = _pooled([s.amplitude for s in self.sweeps])
         values: list[Groups] = []
         errors: list[Groups] = []
         for g, (rows, sweeps, standing) in enumerate(zip(self.members, self.sweeps, self.standing, strict=True)):
@@ -134,7 +145,7 @@ class Comparison:
             power = sweeps.power.mean(axis=0)
             around = local_noise(power) / (1.0 - 1.0 / (9.0 * n)) ** 3
             noise, noise_std = self._bands(power, sweeps.line.mean(axis=0), n)
-            error = sweeps.range - self.data.distance[rows]
+            error = errors_of_range[g]
             movement, movement_std = self._movement(sweeps, standing)
             values.append(
                 Groups(
@@ -155,14 +166,23 @@ class Comparison:
                     around,
                     np.maximum(sweeps.mean.std(axis=0, ddof=1), 0.01) / root,
                     noise_std,
-                    np.hypot(sweeps.beat.std(ddof=1) / root, _BEAT_LIMIT),
-                    np.hypot(sweeps.amplitude.std(axis=0, ddof=1) / root, _AMPLITUDE_LIMIT),
-                    max(error.std(ddof=1), 1e-5) / root,
+                    np.hypot(beat_std[g] / root, _BEAT_LIMIT),
+                    np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
+                    max(range_std[g], 1e-5) / root,
                     self.slope_std[g],
                     movement_std,
                 )
             )
         return _joined(values), _joined(errors)
+
+    def _noise_limit(self) -> np.ndarray:
+        """Return what the model of the noise in bands is trusted to (G, 2, BANDS) [dB]: less where a skirt rules."""
+        limit = np.empty(self.plain.noise.shape)
+        for part in self.parts:
+            floor = np.array([s.noise_std() ** 2 + QUANTISATION for s in part.steady.stations]).T
+            share = 1.0 - floor[..., None] / 10.0 ** (self.plain.noise[part.groups] / 10.0)
+            limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
+        return limit
 
     def _bands(self, power: np.ndarray, line: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (2, BANDS) each."""
@@ -180,7 +200,7 @@ class Comparison:
                 median = np.median(inside) / (1.0 - 1.0 / (9.0 * count)) ** 3
                 noise[station, band] = 10.0 * np.log10(median / extractor.window_power[station])
                 # neighbouring bins of a Hann window share half of their noise; a median has 1.25 times the mean's
-                std[station, band] = np.hypot(4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count)), _NOISE_LIMIT)
+                std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count))
         return noise, std
 
     def _movement(self, sweeps: SweepFeatures, standing: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -416,6 +436,22 @@ class Comparison:
         if distorting and linear:  # apart, as a distortion takes many sweeps to simulate
             return self._vector(self.predict(distorting)) + self._vector(self.predict(linear))
         return self._vector(self.predict(tuple(effects)))
+
+
+def _pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> np.ndarray:
+    """Return standard deviations within groups (G, k), each drawn towards what all groups together say.
+
+    Few sweeps tell their own scatter badly: taken alone it would make large residuals far too likely.
+
+    Args:
+        values: of each group (n, k).
+        expected: variance of each group (G,) up to a common factor; None where all are alike.
+    """
+    freedom = np.array([len(v) - 1 for v in values])[:, None]
+    own = np.array([v.var(axis=0, ddof=1) for v in values])
+    shape = np.ones((len(values), 1)) if expected is None else expected[:, None]
+    common = (freedom * own).sum(axis=0) / (freedom * shape).sum(axis=0) * shape
+    return np.sqrt((freedom * own + _POOL * common) / (freedom + _POOL))
 
 
 def _joined(groups: Sequence[Groups]) -> Groups:

@@ -31,7 +31,7 @@ _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
 _FEW = 6  # places of rivals that are refined
-_LINE_THRESHOLD = 4.5  # of a bin's mean over the groups, to be tried as a spur
+_LINE_THRESHOLD = 4.0  # of a bin's mean over the groups, to be tried as a spur
 _LINES = 3  # such bins of each station
 
 
