@@ -23,6 +23,7 @@ _SMOOTH = 15  # neighbouring cosine terms that share a variance
 _FLOOR_LIMIT = 0.02  # what the model of a white floor is trusted to [dB]
 _SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
 _AMPLITUDE_LIMIT = 0.02  # what the link budget is trusted to [dB]
+_AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _BEAT_LIMIT = 10.0  # what T_off is trusted to on average, in beat frequency [Hz]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
@@ -167,7 +168,7 @@ class Comparison:
                     np.maximum(sweeps.mean.std(axis=0, ddof=1), 0.01) / root,
                     noise_std,
                     np.hypot(beat_std[g] / root, _BEAT_LIMIT),
-                    np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
+                    np.hypot(_AMPLITUDE_SHARED * amplitude_std[g] / root, _AMPLITUDE_LIMIT),
                     max(range_std[g], 1e-5) / root,
                     self.slope_std[g],
                     movement_std,

@@ -36,7 +36,7 @@ _BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 
 LINE = 64
 """Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
 
-_EDGE = 12  # bins next to 0 Hz and to the Nyquist frequency that are not compared
+_EDGE = 32  # bins next to 0 Hz and to the Nyquist frequency that are not compared
 _MEDIAN = 65  # bins over which the noise around a narrow line is taken
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy.fft
 from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
@@ -25,6 +26,8 @@ _STARTS = 2  # places of each kind at which a refinement begins
 _STEPS = 12  # of Levenberg and Marquardt's method
 _TRUST = 0.003  # to which the forward models are trusted, relative to what they add
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
+_WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
+_CERTAIN = 2.0  # standard deviations that an effect's size must have
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
@@ -44,6 +47,14 @@ class FittedEffect:
     stds: dict[str, float]
     told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     """Value and standard deviation of a parameter that the best fit alone would tell wrongly, see `Search.settled`."""
+
+    @property
+    def certain(self) -> bool:
+        """False where the size may as well be zero: then the effect only lends its freedom to others."""
+        size = self.candidate.recipe.size
+        if not size or self.candidate.recipe.decibel or self.candidate.recipe.per_group:
+            return True
+        return abs(self.values[size]) > _CERTAIN * self.stds[size]
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -380,7 +391,11 @@ class Search(Fitting):
             freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
             chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
             largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
-            found.append(Leftover(kind, station, min(1.0, 2.0 * min(chi, largest)), float(np.sum(z**2) - len(z))))
+            tests = [chi, largest]
+            if kind == 'ramp':
+                tests += _common(rest[c.entries.where(kind=kind, station=station)].reshape(len(c.members), -1))
+            probability = min(1.0, len(tests) * min(tests))
+            found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
         count = len(found)
         found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
         return sorted(found, key=lambda f: f.probability)
@@ -410,6 +425,19 @@ class Search(Fitting):
                     if known is None or other.misfit < known.misfit:
                         found[other.keys] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
+
+
+def _common(rest: np.ndarray) -> list[float]:
+    """Return the chances of what all groups have in common over the sweep (G, K): in all terms, and in any window."""
+    used = np.any(rest != 0.0, axis=0)
+    mean = rest.sum(axis=0) / math.sqrt(len(rest))
+    over_time = scipy.fft.idct(mean, norm='ortho')
+    windows = [np.abs(np.convolve(over_time, np.ones(width), 'valid')).max() / math.sqrt(width) for width in _WINDOWS]
+    freedom = np.count_nonzero(used) / 1.1
+    return [
+        float(stats.chi2.sf(np.mean(mean[used] ** 2) * freedom / 1.1, freedom)),
+        float(min(1.0, len(_WINDOWS) * len(over_time) * 2.0 * stats.norm.sf(max(windows) / 1.1))),
+    ]
 
 
 def _bounds(effect: str, name: str) -> tuple[float, float]:
@@ -447,7 +475,7 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
-        if chance > false_alarm_rate or best.evidence <= needed + 1.0:
+        if chance > false_alarm_rate or best.evidence <= needed + 1.0 or not best.effects[-1].certain:
             break
         current = search.settled(best)
     return current, significance, rounds
