@@ -84,7 +84,8 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
                stations='each and both', steps={'level': 0.1, 'corner': 2e3}),
     ),
     'noise_floor': (
-        Recipe('', {}, {'excess': 10.0}, {'excess': (-3.0, -0.2, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0)}, stations='each and both',
+        Recipe('', {}, {'excess': 10.0}, {'excess': (-3.0, -0.2, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0)},
+               stations='each and both',
                steps={'excess': 0.05}),
     ),
     'amplitude_loss': (
