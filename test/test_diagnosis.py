@@ -15,7 +15,7 @@ from drfmcw_diagnosis.proof.cases import Extent, random_condition
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import nominal
 from drfmcw_diagnosis.proof.recordings import write_recording
-from drfmcw_physics.settings import declared_parameters
+from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effects import Effect
 
 DATA = Path(__file__).parent / 'data'
@@ -60,6 +60,11 @@ def test_residuals_of_a_recording_by_others_are_noise():
         numbers = residual[entries.where(kind=kind)]
         numbers = numbers[numbers != 0.0]
         assert low < np.mean(numbers**2) < high, kind
+
+
+def test_too_few_sweeps_are_refused():
+    with pytest.raises(ConfigurationError, match='at least 3 sweeps'):
+        Comparison(read_dataset(DATA / 'recording_0'), np.arange(2))
 
 
 def test_prediction_without_effects_adds_nothing():

@@ -11,12 +11,16 @@ from scipy.ndimage import uniform_filter1d
 
 from drfmcw_node.noise import QUANTISATION
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements, synthesise
 
 from .dataset import Dataset
 from .features import BANDS, LINE, Extractor, SweepFeatures, gaussian, local_noise, near_line, ramp_spectrum
+
+FEWEST = 3
+"""Sweeps of a group that tell their scatter; smaller groups are left out."""
 
 _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take out of the ramp
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
@@ -85,12 +89,18 @@ class Comparison:
         Args:
             data: the recording, of two stations.
             rows: sweeps to use, None for all.
+
+        Raises:
+            ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter.
         """
         self.data = data
         rows = np.arange(len(data)) if rows is None else np.asarray(rows)
         group = data.group[rows]
-        self.members = [rows[group == g] for g in np.unique(group)]
-        self.parts = [self._part(setting) for setting in np.unique(data.setting[rows])]
+        members = [rows[group == g] for g in np.unique(group)]
+        self.members = [m for m in members if len(m) >= FEWEST]
+        if not self.members:
+            raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
+        self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
         self.sweeps: list[SweepFeatures] = [None] * len(self.members)
         for part in self.parts:
             for g in part.groups:

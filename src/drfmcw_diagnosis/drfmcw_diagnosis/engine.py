@@ -12,7 +12,7 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effects import Effect
 
 from .bank import RECIPES
-from .comparison import Comparison
+from .comparison import FEWEST, Comparison
 from .dataset import Dataset, read_dataset
 from .refined import write_scenario
 from .result import (
@@ -38,7 +38,6 @@ _SIZE_TRUST = 0.002  # of an effect's size, to which the forward models tell it
 _DECIBEL_TRUST = 0.02  # the same of one in decibels
 _CENTRAL = 0.9  # of an excess, which a location's span holds
 _SHOWN = 0.01  # share of the excess below which a location is not named
-_DISTANCE = 1.0  # a group's distance as a column of the misfit map is rounded to it [m]
 
 _LEVELS = {
     'ramp': ('if_samples', 'ramp_time'),
@@ -146,9 +145,9 @@ def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     fitted, held = [], []
     for g in np.unique(data.group):
         rows = np.flatnonzero(data.group == g)
-        at = max(2, round(_FITTED_SHARE * len(rows)))
+        at = max(FEWEST, round(_FITTED_SHARE * len(rows)))
         fitted.append(rows[:at])
-        if len(rows) - at >= 2:
+        if len(rows) - at >= FEWEST:
             held.append(rows[at:])
     return np.concatenate(fitted), np.concatenate(held) if held else np.array([], int)
 
