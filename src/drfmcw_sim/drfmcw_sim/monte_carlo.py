@@ -23,6 +23,7 @@ import time
 import traceback
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -372,6 +373,7 @@ def _in_processes(study: Study, task: Task, jobs: Sequence[Job], count: int) -> 
     context = multiprocessing.get_context('spawn')
     left = list(reversed(jobs))
     workers: dict[Connection, tuple[Any, list[Job]]] = {}
+    resource_tracker.ensure_running()  # its start would undo the mask below
     try:
         for _ in range(count):
             own, other = context.Pipe()
