@@ -13,11 +13,20 @@ from drfmcw_node.noise import QUANTISATION
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements, synthesise
 
 from .dataset import Dataset
-from .features import BANDS, LINE, Extractor, SweepFeatures, gaussian, local_noise, near_line, ramp_spectrum
+from .features import (
+    BANDS,
+    LINE,
+    Extractor,
+    SweepFeatures,
+    gaussian,
+    local_noise,
+    median_of_mean,
+    near_line,
+    ramp_spectrum,
+)
 
 FEWEST = 3
 """Sweeps of a group that tell their scatter; smaller groups are left out."""
@@ -52,6 +61,10 @@ class Entries:
         for name, value in wanted.items():
             chosen &= np.isin(getattr(self, name), value)
         return chosen
+
+    def kinds(self) -> list[tuple[str, int]]:
+        """Return kinds with the stations each may have, in order."""
+        return [(str(k), int(s)) for k in dict.fromkeys(self.kind) for s in np.unique(self.station)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +167,7 @@ class Comparison:
             ramp_std = np.full(ramp.shape[1:], np.inf)
             ramp_std[:, _FREE:] = np.sqrt(variance / n)
             power = sweeps.power.mean(axis=0)
-            around = local_noise(power) / (1.0 - 1.0 / (9.0 * n)) ** 3
+            around = local_noise(power) / median_of_mean(n)
             noise, noise_std = self._bands(power, sweeps.line.mean(axis=0), n)
             error = errors_of_range[g]
             movement, movement_std = self._movement(sweeps, standing)
@@ -200,7 +213,7 @@ class Comparison:
         bins = power.shape[-1]
         masked = self._at_line(line, bins)
         noise, std = np.full((2, BANDS), np.nan), np.full((2, BANDS), np.inf)
-        edges = np.linspace(0, bins, BANDS + 1).astype(int)
+        edges = _band_edges(bins)
         extractor = self.parts[0].extract
         for station in range(2):
             for band in range(BANDS):
@@ -208,7 +221,7 @@ class Comparison:
                 inside = inside[~masked[station, edges[band] : edges[band + 1]]]
                 if len(inside) < 16:
                     continue
-                median = np.median(inside) / (1.0 - 1.0 / (9.0 * count)) ** 3
+                median = np.median(inside) / median_of_mean(count)
                 noise[station, band] = 10.0 * np.log10(median / extractor.window_power[station])
                 # neighbouring bins of a Hann window share half of their noise; a median has 1.25 times the mean's
                 std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count))
@@ -225,8 +238,7 @@ class Comparison:
 
     def predict(self, effects: Sequence[Effect]) -> Groups:
         """Return the features that the model with `effects` predicts, from noise-free samples of the simulator."""
-        key = tuple(effects)
-        return self._predict(key)
+        return self._predict(tuple(effects))
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 the comparison lives as long as its predictions are wanted
     def _predict(self, effects: tuple[Effect, ...]) -> Groups:
@@ -240,7 +252,7 @@ class Comparison:
             displacement = self._displacement(part, effects)
             quiet = self._predicted_noise(state, features.line, features.amplitude)
             velocity = self._velocity(part.steady, effects)
-            distorting = any(e.stage >= Stage.AMPLIFIER for e in effects)
+            distorting = any(e.distorts() for e in effects)
             changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
             if not effects:
                 self._plain_power |= dict(zip(part.groups.tolist(), features.power, strict=True))
@@ -273,7 +285,7 @@ class Comparison:
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
         as it does in a recording's sweeps of random phase.
         """
-        distorting = any(effect.stage >= Stage.AMPLIFIER for effect in effects)
+        distorting = any(effect.distorts() for effect in effects)
         copies, count = _DISTORTED if distorting else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
@@ -349,7 +361,7 @@ class Comparison:
             line: of each station (2,) [Hz].
         """
         bins = added.shape[-1]
-        edges = np.linspace(0, bins, BANDS + 1).astype(int)
+        edges = _band_edges(bins)
         power = np.array(self.parts[0].extract.window_power)[:, None]
         floor = np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=1)
         shown, noise = np.where(self._at_line(line, bins), np.nan, floor + added), quiet.copy()
@@ -442,11 +454,16 @@ class Comparison:
 
     def template(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
-        distorting = tuple(e for e in effects if e.stage >= Stage.AMPLIFIER)
-        linear = tuple(e for e in effects if e.stage < Stage.AMPLIFIER)
+        distorting = tuple(e for e in effects if e.distorts())
+        linear = tuple(e for e in effects if not e.distorts())
         if distorting and linear:  # apart, as a distortion takes many sweeps to simulate
             return self._vector(self.predict(distorting)) + self._vector(self.predict(linear))
-        return self._vector(self.predict(tuple(effects)))
+        return self._vector(self.predict(effects))
+
+
+def _band_edges(bins: int) -> np.ndarray:
+    """Return the first bin of each band and the end of the last, (BANDS + 1,)."""
+    return np.linspace(0, bins, BANDS + 1).astype(int)
 
 
 def _pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> np.ndarray:

@@ -27,7 +27,7 @@ from .result import (
     Separability,
     Series,
 )
-from .search import Fitted, FittedEffect, Fitting, Leftover, Search, forward
+from .search import Fitted, FittedEffect, Fitting, Search, forward
 from .wording import sentences
 
 FALSE_ALARM_RATE = 0.01
@@ -122,7 +122,7 @@ def diagnose(
         verdict=verdict,
         significance=significance,
         false_alarm_rate=false_alarm_rate,
-        locations=_locations(comparison, unexplained),
+        locations=_locations(comparison),
         explanation=explanation,
         alternatives=tuple(_explanation(search, r) for r in rivals),
         next_measurement=_next_measurement(chosen, rivals) if rivals else None,
@@ -286,12 +286,11 @@ def _axis(comparison: Comparison, kind: str, station: int) -> tuple[np.ndarray, 
     return distance, z**2
 
 
-def _locations(comparison: Comparison, unexplained: Sequence[Leftover]) -> tuple[Location, ...]:
+def _locations(comparison: Comparison) -> tuple[Location, ...]:
     """Return where the excess over the nominal model sits, largest share first."""
     c = comparison
-    kinds = [(k, int(s)) for k in dict.fromkeys(c.entries.kind) for s in np.unique(c.entries.station)]
     excess = {}
-    for kind, station in kinds:
+    for kind, station in c.entries.kinds():
         z = c.residual[c.entries.where(kind=kind, station=station)]
         used = np.count_nonzero(z)
         if used:
@@ -341,8 +340,7 @@ def _row_name(comparison: Comparison, kind: str, station: int) -> str:
 def _rows(comparison: Comparison) -> list[tuple[str, int]]:
     """Return kinds and stations that hold numbers."""
     c = comparison
-    kinds = [(k, int(s)) for k in dict.fromkeys(c.entries.kind) for s in np.unique(c.entries.station)]
-    return [(k, s) for k, s in kinds if np.any(c.residual[c.entries.where(kind=k, station=s)] != 0.0)]
+    return [(k, s) for k, s in c.entries.kinds() if np.any(c.residual[c.entries.where(kind=k, station=s)] != 0.0)]
 
 
 def _misfit_map(comparison: Comparison, chosen: Fitted | None) -> MisfitMap:

@@ -172,7 +172,12 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
 
 def gaussian(ratio: np.ndarray, count: int) -> np.ndarray:
     """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
-    return (np.cbrt(ratio) - (1.0 - 1.0 / (9.0 * count))) * np.sqrt(9.0 * count)
+    return (np.cbrt(ratio) - np.cbrt(median_of_mean(count))) * np.sqrt(9.0 * count)
+
+
+def median_of_mean(count: int) -> float:
+    """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
+    return (1.0 - 1.0 / (9.0 * count)) ** 3
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

@@ -12,7 +12,6 @@ from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
 
 from .bank import Candidate, candidates
 from .comparison import Comparison
@@ -180,7 +179,7 @@ class Fitting:
             return np.zeros(len(entries.kind))
         lines = entries.where(kind='lines')
         size = np.abs(fitted.template)
-        if not any(Effect.registry[e.candidate.effect].stage >= Stage.AMPLIFIER for e in fitted.effects):
+        if not any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects):
             return np.where(lines, _LINES_TRUST, _TRUST) * size
         # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
         bins = self.comparison.measured.lines.shape[-1]
@@ -280,15 +279,11 @@ class Search(Fitting):
         weight = (self._weight**2).astype(np.float32)
         power = np.einsum('ij,ij,j->i', self.templates, self.templates, weight)
         overlap = self.templates @ (residual * weight).astype(np.float32)
-        found = []
-        number = 0
-        while number < len(self.bank):
-            candidate = self.bank[number]
-            if candidate.key in exclude:
-                number += 1
-                continue
-            found.append(self._scaled(candidate, float(overlap[number]), float(power[number]), residual))
-            number += 1
+        found = [
+            self._scaled(candidate, float(o), float(p), residual)
+            for candidate, o, p in zip(self.bank, overlap, power, strict=True)
+            if candidate.key not in exclude
+        ]
         return sorted(found, key=lambda item: -item[0])
 
     def _scaled(
@@ -381,8 +376,7 @@ class Search(Fitting):
         template = fitted.template if fitted else np.zeros(len(c.residual))
         rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
         found = []
-        kinds = [(k, int(s)) for k in dict.fromkeys(c.entries.kind) for s in np.unique(c.entries.station)]
-        for kind, station in kinds:
+        for kind, station in c.entries.kinds():
             z = rest[c.entries.where(kind=kind, station=station)]
             z = z[z != 0.0]
             if len(z) < 4:

@@ -23,7 +23,7 @@ from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings, residual_chirp
 
 from .noise import NoiseMeter, oscillators
-from .spectral import window_samples
+from .spectral import parabola_vertex, window_samples
 
 WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
 """scipy.signal.get_window names that can be chosen."""
@@ -120,6 +120,12 @@ class Sweeps:
     power: np.ndarray  # their squared magnitude (B, K)
     shown: np.ndarray  # the power that a displayed spectrum holds, negative frequencies too where there are any
     peak: np.ndarray  # strongest bin within the search range (B,)
+
+    def parabola(self) -> np.ndarray:
+        """Return how far the line stands from `peak`, by a parabola through three log powers (B,) [bins]."""
+        near = np.clip(self.peak + np.array([[-1], [0], [1]]), 0, self.power.shape[1] - 1)
+        three = self.power[np.arange(len(self.peak)), near].astype(float)
+        return parabola_vertex(*np.log(np.maximum(three, TINY)))
 
 
 class Estimator:

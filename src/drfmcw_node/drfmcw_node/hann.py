@@ -3,7 +3,6 @@
 import numpy as np
 
 from .estimation import TINY, Estimator, Sweeps
-from .spectral import parabola_vertex
 
 _REACH = 4  # bins on either side of the strongest: a Hann line has 1e-4 of its amplitude beyond
 _STEPS = 2  # of Newton's method, from a parabola's 0.02 bins
@@ -44,9 +43,7 @@ class HannEstimator(Estimator):
     def _refine(self, sweeps: Sweeps) -> tuple[np.ndarray, np.ndarray]:
         near = np.clip(sweeps.peak[:, None] + self._around, 0, len(self._turn) - 1)
         rows = np.arange(len(near))[:, None]
-        three = sweeps.power[rows, near[:, _REACH - 1 : _REACH + 2]].astype(float)
-        guess = parabola_vertex(*np.log(np.maximum(three, TINY)).T)
-        offset, amplitude = self._climb(sweeps.spectrum[rows, near] * self._turn[near], guess)
+        offset, amplitude = self._climb(sweeps.spectrum[rows, near] * self._turn[near], sweeps.parabola())
         gain = np.interp(offset, self._found, self._gain)
         return sweeps.peak + offset + np.interp(offset, self._found, self._error), amplitude * gain
 

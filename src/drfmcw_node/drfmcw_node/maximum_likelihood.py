@@ -24,7 +24,7 @@ import numpy as np
 import scipy.fft
 
 from .estimation import TINY, Estimator, Sweeps
-from .spectral import parabola_vertex, whole_turns
+from .spectral import whole_turns
 
 FINE = 16
 """Demodulation frequencies per bin."""
@@ -60,9 +60,7 @@ class MaximumLikelihoodEstimator(Estimator):
         turn = FINE * self.length
         self._rotation = np.exp(-2j * np.pi * np.arange(turn) / turn).astype(np.complex64)
         self._number = np.arange(self.samples.start, self.samples.stop)
-        self._chirped = (
-            None if self._dechirp is None else np.exp(-1j * np.pi * self._curvature * u**2).astype(np.complex64)
-        )
+        self._chirped = None if self._dechirp is None else self._dechirp[self.samples]
 
     def _refine(self, sweeps: Sweeps) -> tuple[np.ndarray, np.ndarray]:
         record = sweeps.record[:, self.samples]
@@ -78,12 +76,9 @@ class MaximumLikelihoodEstimator(Estimator):
         whole record still shows.
         """
         record, peak = sweeps.record[:, self.samples], sweeps.peak
-        rows = np.arange(len(record))
-        near = np.clip(peak + np.array([[-1], [0], [1]]), 0, sweeps.power.shape[1] - 1)
-        three = sweeps.power[rows, near].astype(float)
-        coarse = np.rint(FINE * (peak + parabola_vertex(*np.log(np.maximum(three, TINY))))).astype(np.int64)
+        coarse = np.rint(FINE * (peak + sweeps.parabola())).astype(np.int64)
         noise = np.median(sweeps.power[:, self._first : self._last + 1 : _STRIDE], axis=1) / math.log(2.0)
-        weak = np.flatnonzero(three[1] < _SEARCH_LIMIT * noise)
+        weak = np.flatnonzero(sweeps.power[np.arange(len(peak)), peak] < _SEARCH_LIMIT * noise)
         if len(weak):
             searched = record[weak] if self._chirped is None else record[weak] * self._chirped
             transform = scipy.fft.fft if np.iscomplexobj(searched) else scipy.fft.rfft

@@ -48,6 +48,11 @@ class Effect:
         cls.name, cls.of = name, of
         Effect.registry[name] = cls
 
+    @classmethod
+    def distorts(cls) -> bool:
+        """Return True where the effect is not linear in the IF, so that harmonics arise."""
+        return cls.stage >= Stage.AMPLIFIER
+
     def applies_to(self, station: str) -> bool:
         """Return True where the effect acts at `station`; one without station acts at all."""
         return not self.station or self.station == station
