@@ -6,7 +6,7 @@ plausibly be: it decides how much evidence a good fit must bring to pay for its 
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -159,6 +159,7 @@ def candidates(
     calibrated: Mapping[str, Mapping[str, float]],
     found: Mapping[str, tuple[float, ...]],
     groups: int,
+    without: Collection[str] = (),
 ) -> Iterator[Candidate]:
     """Yield the bank.
 
@@ -167,8 +168,11 @@ def candidates(
         calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
         found: frequencies at which a station's spectrum stands out [Hz].
         groups: in which sizes may differ.
+        without: effects that are left out.
     """
     for effect, recipes in RECIPES.items():
+        if effect in without:
+            continue
         of_station = Effect.registry[effect].of == 'station'
         for recipe in recipes:
             places = [''] if not of_station else [*stations, *([''] if recipe.stations == 'each and both' else [])]

@@ -34,6 +34,7 @@ def parser() -> argparse.ArgumentParser:
         '--false-alarm-rate', type=float, default=FALSE_ALARM_RATE, metavar='P',
         help=f'accepted chance of finding a mismatch where there is none ({FALSE_ALARM_RATE:g})',
     )  # fmt: skip
+    result.add_argument('--without', default='', metavar='EFFECT[,EFFECT]', help='search without these effects')
     return result
 
 
@@ -47,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace, command: str) -> None:
     if not 0.0 < arguments.false_alarm_rate < 1.0:
         raise ConfigurationError(f'--false-alarm-rate = {arguments.false_alarm_rate:g} is not between 0 and 1')
+    without = tuple(filter(None, (name.strip() for name in arguments.without.split(','))))
     out = Path(arguments.out) if arguments.out else None
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
@@ -61,6 +63,7 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
             out,
             lambda text, share: bar.update(task, description=text, completed=share),
             command,
+            without,
         )
     page = arguments.html or (out and str(out / 'report.html'))
     finding = arguments.json or (out and str(out / 'finding.json'))

@@ -2,13 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 import scipy.fft
 
-from drfmcw_physics.settings import ConfigurationError, declared_parameters
+from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_sim.effects import Effect
 
 from .bank import RECIPES
@@ -75,6 +75,7 @@ def diagnose(
     out: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     command: str = '',
+    without: Collection[str] = (),
 ) -> Diagnosis:
     """Return what a recording holds beyond its nominal model.
 
@@ -85,18 +86,22 @@ def diagnose(
         out: directory for the refined simulator configuration; None writes none.
         progress: called with what is being done and its share done.
         command: that was given, for the report.
+        without: effects that are not searched for.
 
     Raises:
         BagError: the recording cannot be read.
-        ConfigurationError: it lacks what is needed.
+        ConfigurationError: it lacks what is needed, or no such effect is there to be left out.
     """
+    for effect in without:
+        if effect not in Effect.registry:
+            raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
     report('reading', 0.0)
     data = read_dataset(path, pair)
     if len(data.stations) != 2 or any(x is None for x in data.samples) or data.iq:
         raise ConfigurationError(f'{path}: a diagnosis needs the real-valued raw IF of two stations')
     comparison = Comparison(data)
-    search = Search(comparison, progress)
+    search = Search(comparison, progress, without)
     found, significance, rounds = forward(search, false_alarm_rate)
     left = search.leftovers(found)
     unexplained = [x for x in left if x.probability < false_alarm_rate]
@@ -128,7 +133,7 @@ def diagnose(
         next_measurement=_next_measurement(chosen, rivals) if rivals else None,
         fit=_fit(comparison, chosen, data, fitted_rows, held_rows),
         refined_config=refined,
-        not_testable=_not_testable(data, search),
+        not_testable=_not_testable(data, search, without),
         sentences=(),
         series=_series(comparison, chosen),
         misfit_map=_misfit_map(comparison, chosen),
@@ -136,6 +141,7 @@ def diagnose(
         sweeps_fitted=len(fitted_rows),
         sweeps_held_out=len(held_rows),
         command=command,
+        places=len(search.bank),
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
 
@@ -240,9 +246,9 @@ def _next_measurement(chosen: Fitted, rivals: Sequence[Fitted]) -> str | None:
     return f'A measurement that {text}' if best else None
 
 
-def _not_testable(data: Dataset, search: Search) -> tuple[str, ...]:
+def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
     sentences_ = list(data.missing)
-    unsearched = sorted(set(Effect.registry) - set(RECIPES))
+    unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
     if search.untested:

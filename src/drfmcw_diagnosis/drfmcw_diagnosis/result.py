@@ -127,6 +127,7 @@ class Diagnosis:
     sweeps_fitted: int | None = None
     sweeps_held_out: int | None = None
     command: str = ''  # that gave this diagnosis
+    places: int | None = None  # of the bank that were tried: what chance is counted over
 
     def as_object(self) -> dict[str, Any]:
         """Return a JSON-ready object, as docs and ../shared/interfaces describe it."""
@@ -158,6 +159,7 @@ class Diagnosis:
                 for field in dataclasses.fields(self.fit)
             },
             'sweeps': {'fitted': self.sweeps_fitted, 'held_out': self.sweeps_held_out},
+            'places': self.places,
             'refined_config': self.refined_config,
             'not_testable': list(self.not_testable),
             'summary': list(self.sentences),

@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 import scipy.fft
@@ -190,12 +190,18 @@ class Fitting:
 class Search(Fitting):
     """Searches the bank with one comparison; keeps the templates of the bank."""
 
-    def __init__(self, comparison: Comparison, progress: Callable[[str, float], None] | None = None) -> None:
+    def __init__(
+        self,
+        comparison: Comparison,
+        progress: Callable[[str, float], None] | None = None,
+        without: Collection[str] = (),
+    ) -> None:
         """Compute the templates of the bank.
 
         Args:
             comparison: recording and model.
             progress: called with what is done and the share done.
+            without: effects that are not searched for.
         """
         super().__init__(comparison)
         self._quarters: dict[tuple, np.ndarray] = {}
@@ -204,7 +210,7 @@ class Search(Fitting):
         calibration = data.calibration[0]
         found = {name: self._standing_out(number) for number, name in enumerate(data.stations)}
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
-        bank = list(candidates(data.stations, calibrated, found, len(comparison.members)))
+        bank = list(candidates(data.stations, calibrated, found, len(comparison.members), without))
         self.bank: list[Candidate] = []
         templates = []
         for number, candidate in enumerate(bank):
