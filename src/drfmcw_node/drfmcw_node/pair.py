@@ -4,7 +4,7 @@ What the two sweeps share, the oscillators' noise and the chirp that different r
 both with opposite signs. Each sweep is demodulated near its line and averaged over blocks of some fifteen microseconds;
 the product of both basebands (one conjugated in short-distance mode) is then a tone at the combined beat frequency in
 which all that cancels, however strong it is and whether or not it is calibrated. Mirror line and constant are taken
-off each block beforehand, by the line that a first round finds.
+off each block beforehand, by the line that a first round finds. One station alone has its line in the same blocks.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ _ROUNDS = 3  # of mirror line and constant against a line whose chirp is not kno
 
 @dataclasses.dataclass(frozen=True)
 class Basebands:
-    """Both stations' lines in blocks of a sweep, demodulated; one entry per station."""
+    """Lines in blocks of a sweep, demodulated; one entry per station."""
 
     lines: tuple[np.ndarray, ...]  # (B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, at the block's centre
     frequency: tuple[np.ndarray, ...]  # of the demodulation (B,) [Hz]
@@ -66,7 +66,137 @@ class _Line:
     blocks: np.ndarray  # amplitude of each block, chirp included (B, K)
 
 
-class PairEstimator:
+class BlockEstimator:
+    """Lines of S stations in blocks of a sweep; subclasses say what the stations tell together."""
+
+    def __init__(
+        self, stations: tuple[MaximumLikelihoodEstimator, ...], signs: tuple[int, ...], blocks: range, chirp_known: bool
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
+
+        Args:
+            stations: estimators of single stations.
+            signs: by which the chirp left on the first station's line stands in each line.
+            blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
+            chirp_known: what the calibrations leave of a chirp is small; else it is estimated, as without them.
+        """
+        self.stations, self._signs, self._chirp_known = stations, signs, chirp_known
+        count = min(s.samples.stop - s.samples.start for s in stations)
+        self._size = min(blocks, key=lambda n: (count % n, -n))
+        self._count = count // self._size * self._size  # samples of each station that blocks cover
+        index = (self._size - 1) / 2 + self._size * np.arange(count // self._size)
+        # of the blocks, each station's counted from the centre of its own window [samples]
+        self._time = tuple(s.samples.start - s.origin + index for s in stations)
+        self._weights = np.full(self._size, 1.0 / self._size, np.complex64)
+
+    @property
+    def block(self) -> int:
+        """Length of a block [samples]."""
+        return self._size
+
+    def with_basebands(
+        self, samples: Sequence[np.ndarray], full_scale: float
+    ) -> tuple[tuple[Estimates, ...], 'Basebands']:
+        """Return the beat frequencies of few sweeps, and the lines over the time in the sweep.
+
+        Args:
+            samples: of each station (B, sample_count), int16 or float, or (B, 2 sample_count) I, Q, ...; same sweeps.
+            full_scale: ADC code of full scale of all stations [LSB].
+        """
+        found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
+        resolved = self._resolve(found)
+        coarse, lines, _, _ = resolved
+        basebands = Basebands(
+            lines=tuple(lines),
+            frequency=tuple(
+                c * (s.sweep.sample_rate / s.length / FINE) for c, s in zip(coarse, self.stations, strict=True)
+            ),
+            time=tuple((t + s.origin) / s.sweep.sample_rate for t, s in zip(self._time, self.stations, strict=True)),
+            power=tuple(f.power.copy() for f in found),  # concluding uses them up
+        )
+        scale = np.full(len(samples[0]), full_scale)
+        parts = zip(self.stations, found, self._combine(*resolved), strict=True)
+        return tuple(s.collect([s.conclude(f, *line, scale, None)]) for s, f, line in parts), basebands
+
+    def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
+        raise NotImplementedError
+
+    def _combine(
+        self, coarse: list[np.ndarray], lines: list[np.ndarray], chirp: np.ndarray, models: list['_Line']
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,).
+
+        Args:
+            coarse: frequencies of the demodulation (B,) [1/FINE bin], as all that follows from `_resolve`.
+            lines: blocks free of leakage (B, K).
+            chirp: that the first line has (B,) [cycles per sample^2].
+            models: lines fitted to the blocks.
+        """
+        raise NotImplementedError
+
+    def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray, list['_Line']]:
+        """Return coarse frequencies, blocks free of leakage, residual chirp and lines, by station but for the chirp."""
+        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
+        records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
+        lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
+        models = self._fit(lines, chirp if self._chirp_known else self._chirp(lines))
+        for _ in range(1 if self._chirp_known else _ROUNDS):
+            lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
+            chirp = self._chirp(lines)
+            models = self._fit(lines, chirp)
+        return coarse, lines, chirp, models
+
+    def _fit(self, lines: Sequence[np.ndarray], chirp: np.ndarray) -> list['_Line']:
+        """Return the stations' lines, the first one's residual chirp given (B,) [cycles per sample^2]."""
+        models = []
+        for blocks, time, sign in zip(lines, self._time, self._signs, strict=True):
+            bend = _rotation(0.5 * sign * chirp, time**2)
+            frequency, amplitude = _tone(blocks * bend.conj(), time, self._size)
+            bend *= _rotation(frequency, time)
+            bend *= amplitude.astype(np.complex64)[:, None]
+            models.append(_Line(frequency, amplitude, bend))
+        return models
+
+    def _demodulate(self, station: MaximumLikelihoodEstimator, sweeps: Sweeps, coarse: np.ndarray) -> '_Demodulated':
+        """Return one station's sweeps in blocks.
+
+        Args:
+            station: prepared for it.
+            sweeps: of its search.
+            coarse: frequency of the demodulation (B,) [1/FINE bin].
+        """
+        start = station.samples.start
+        record = sweeps.record[:, start : start + self._count]
+        carrier = station.carrier(coarse)[:, : self._count]
+        return _Demodulated(
+            line=self._means(record * carrier),
+            mirror=None if station.iq else self._means(carrier * carrier),
+            constant=self._means(carrier),
+            mean=record.mean(axis=1)[:, None],
+        )
+
+    def _means(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of each block (B, K) of values (B, N)."""
+        return np.matmul(values.reshape(len(values), -1, self._size), self._weights)
+
+    def _line(
+        self, station: MaximumLikelihoodEstimator, coarse: np.ndarray, frequency: np.ndarray, amplitude: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return (frequency [bins], complex amplitude of the windowed line), (B,) each.
+
+        Args:
+            station: whose line.
+            coarse: frequency of the demodulation (B,) [1/FINE bin].
+            frequency: of the blocks' tone (B,) [cycles per sample].
+            amplitude: of the same at the window's centre (B,) [LSB].
+        """
+        # a block's mean lowers a line beside the frequency of the demodulation
+        loss = np.sinc(self._size * frequency) / np.sinc(frequency)
+        return coarse / FINE + frequency * station.length, amplitude / loss * station.window_sum
+
+
+class PairEstimator(BlockEstimator):
     """Estimates both stations' beat frequencies from both stations' samples.
 
     The single frequencies are as good as one station can tell them; their combination is that of the product, and the
@@ -108,19 +238,13 @@ class PairEstimator:
                 )
         if (first.role, second.role) != (Role.FIRST, Role.SECOND):
             raise ConfigurationError(f'{first.station} and {second.station}: need one first and one second station')
-        self.stations = (
+        chirp_known = chirp_known and None not in (first_calibration, second_calibration)
+        self._sign = first.line_sign() * second.line_sign()
+        stations = (
             MaximumLikelihoodEstimator(first, settings, iq, first_calibration, second_calibration),
             MaximumLikelihoodEstimator(second, settings, iq, second_calibration, first_calibration),
         )
-        self._sign = first.line_sign() * second.line_sign()
-        count = min(s.samples.stop - s.samples.start for s in self.stations)
-        self._size = min(blocks, key=lambda n: (count % n, -n))
-        self._count = count // self._size * self._size  # samples of each station that blocks cover
-        index = (self._size - 1) / 2 + self._size * np.arange(count // self._size)
-        # of the blocks, each station's counted from the centre of its own window [samples]
-        self._time = tuple(s.samples.start - s.origin + index for s in self.stations)
-        self._weights = np.full(self._size, 1.0 / self._size, np.complex64)
-        self._chirp_known = chirp_known and None not in (first_calibration, second_calibration)
+        super().__init__(stations, (1, self._sign), blocks, chirp_known)
         self._late = self._time[1][0] - self._time[0][0]
 
     def __call__(
@@ -169,48 +293,8 @@ class PairEstimator:
         results = []
         for station, model, at, share in zip(self.stations, models, coarse, (1.0, -self._sign), strict=True):
             frequency = model.frequency + share * error
-            # a block's mean lowers a line beside the frequency of the demodulation
-            loss = np.sinc(self._size * frequency) / np.sinc(frequency)
-            amplitude = model.amplitude * np.exp(1j * share * slip) / loss
-            results.append((at / FINE + frequency * station.length, amplitude * station.window_sum))
+            results.append(self._line(station, at, frequency, model.amplitude * np.exp(1j * share * slip)))
         return results
-
-    def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray, list['_Line']]:
-        """Return coarse frequencies, blocks free of leakage, residual chirp and lines, by station but for the chirp."""
-        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
-        records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
-        lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
-        models = self._fit(lines, chirp if self._chirp_known else self._chirp(lines))
-        for _ in range(1 if self._chirp_known else _ROUNDS):
-            lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
-            chirp = self._chirp(lines)
-            models = self._fit(lines, chirp)
-        return coarse, lines, chirp, models
-
-    def with_basebands(
-        self, first: np.ndarray, second: np.ndarray, full_scale: float
-    ) -> tuple[tuple[Estimates, Estimates], 'Basebands']:
-        """Return the beat frequencies of few sweeps, and both lines over the time in the sweep.
-
-        Args:
-            first: samples (B, sample_count) of the first station, int16 or float, or (B, 2 sample_count) I, Q, ...
-            second: of the second station, the same sweeps.
-            full_scale: ADC code of full scale of both stations [LSB].
-        """
-        found = [s.search(x) for s, x in zip(self.stations, (first, second), strict=True)]
-        resolved = self._resolve(found)
-        coarse, lines, _, _ = resolved
-        basebands = Basebands(
-            lines=tuple(lines),
-            frequency=tuple(
-                c * (s.sweep.sample_rate / s.length / FINE) for c, s in zip(coarse, self.stations, strict=True)
-            ),
-            time=tuple((t + s.origin) / s.sweep.sample_rate for t, s in zip(self._time, self.stations, strict=True)),
-            power=tuple(f.power.copy() for f in found),  # concluding uses them up
-        )
-        scale = np.full(len(first), full_scale)
-        parts = zip(self.stations, found, self._combine(*resolved), strict=True)
-        return tuple(s.collect([s.conclude(f, *line, scale, None)]) for s, f, line in parts), basebands
 
     def _products(self, lines: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the product in which what both lines share cancels, and the one that has it twice, (B, K) each."""
@@ -219,44 +303,54 @@ class PairEstimator:
 
     def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
         """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
-        blocks = self._products(lines)[1]  # twice that chirp
-        lag = blocks.shape[1] // 2
-        beat = blocks[:, lag:] * blocks[:, :-lag].conj()
-        step = (beat[:, 1:] * beat[:, :-1].conj()).astype(complex).sum(axis=1)
-        return np.angle(step) / (4.0 * np.pi * lag * self._size**2)
+        return _chirp(self._products(lines)[1], self._size, 2)
 
-    def _fit(self, lines: Sequence[np.ndarray], chirp: np.ndarray) -> list['_Line']:
-        """Return both stations' lines, the first one's residual chirp given (B,) [cycles per sample^2]."""
-        models = []
-        for blocks, time, sign in zip(lines, self._time, (1.0, self._sign), strict=True):
-            bend = _rotation(0.5 * sign * chirp, time**2)
-            frequency, amplitude = _tone(blocks * bend.conj(), time, self._size)
-            bend *= _rotation(frequency, time)
-            bend *= amplitude.astype(np.complex64)[:, None]
-            models.append(_Line(frequency, amplitude, bend))
-        return models
 
-    def _demodulate(self, station: MaximumLikelihoodEstimator, sweeps: Sweeps, coarse: np.ndarray) -> '_Demodulated':
-        """Return one station's sweeps in blocks.
+class SingleEstimator(BlockEstimator):
+    """One station's line in blocks: of a station that hears itself, or whose peer's samples are not at hand."""
+
+    def __init__(
+        self,
+        sweep: SweepSettings,
+        settings: EstimatorSettings,
+        iq: bool = False,
+        own: Calibration | None = None,
+        peer: Calibration | None = None,
+        blocks: range = BLOCKS,
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
 
         Args:
-            station: prepared for it.
-            sweeps: of its search.
-            coarse: frequency of the demodulation (B,) [1/FINE bin].
-        """
-        start = station.samples.start
-        record = sweeps.record[:, start : start + self._count]
-        carrier = station.carrier(coarse)[:, : self._count]
-        return _Demodulated(
-            line=self._means(record * carrier),
-            mirror=None if station.iq else self._means(carrier * carrier),
-            constant=self._means(carrier),
-            mean=record.mean(axis=1)[:, None],
-        )
+            sweep: the station's settings.
+            settings: of the estimation.
+            iq: quadrature samples.
+            own: the station's calibration, None where unknown.
+            peer: the peer's; ignored where the station hears itself.
+            blocks: lengths of a block to choose from [samples].
 
-    def _means(self, values: np.ndarray) -> np.ndarray:
-        """Return the mean of each block (B, K) of values (B, N)."""
-        return np.matmul(values.reshape(len(values), -1, self._size), self._weights)
+        Raises:
+            ConfigurationError: the settings leave no window or no frequency to search.
+        """
+        super().__init__((MaximumLikelihoodEstimator(sweep, settings, iq, own, peer),), (1,), blocks, False)
+
+    def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
+        return _chirp(lines[0], self._size, 1)
+
+    def _combine(
+        self, coarse: list[np.ndarray], lines: list[np.ndarray], chirp: np.ndarray, models: list['_Line']
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [
+            self._line(station, at, model.frequency, model.amplitude)
+            for station, at, model in zip(self.stations, coarse, models, strict=True)
+        ]
+
+
+def _chirp(blocks: np.ndarray, size: int, multiple: int) -> np.ndarray:
+    """Return the chirp of which `blocks` (B, K) of `size` samples have a multiple (B,) [cycles per sample^2]."""
+    lag = blocks.shape[1] // 2
+    beat = blocks[:, lag:] * blocks[:, :-lag].conj()
+    step = (beat[:, 1:] * beat[:, :-1].conj()).astype(complex).sum(axis=1)
+    return np.angle(step) / (2.0 * np.pi * multiple * lag * size**2)
 
 
 def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
