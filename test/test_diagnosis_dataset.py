@@ -9,7 +9,8 @@ import scipy.stats
 import yaml
 from scenes import mapping, record, scene
 
-from drfmcw_diagnosis.dataset import GROUP, Dataset, read_dataset
+from drfmcw_diagnosis.dataset import Dataset, read_dataset
+from drfmcw_diagnosis.grouping import GROUP
 from drfmcw_diagnosis.refined import scenario_mapping, write_scenario
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, beat_frequency

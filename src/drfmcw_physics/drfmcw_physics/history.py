@@ -1,6 +1,7 @@
 """Values that hold from a stamp on, looked up by stamp: what makes live and offline results equal."""
 
 import bisect
+from collections.abc import Iterator
 from typing import Generic, TypeVar
 
 T = TypeVar('T')
@@ -18,6 +19,10 @@ class History(Generic[T]):
     def __len__(self) -> int:
         """Return the number of values kept."""
         return len(self._stamps)
+
+    def __iter__(self) -> Iterator[tuple[int, T]]:
+        """Return an iterator over (stamp, value), in order."""
+        return zip(self._stamps, self._values, strict=True)
 
     def add(self, stamp: int, value: T) -> None:
         """Add a value that holds from `stamp` [ns] on; one with the same stamp is replaced."""
@@ -42,3 +47,10 @@ class History(Generic[T]):
     def first(self) -> T | None:
         """Return the oldest value kept, None where there is none."""
         return self._values[0] if self._values else None
+
+    def keep(self, start: int, end: int) -> None:
+        """Drop values that hold nowhere between two stamps [ns]; where all are later, the first one stays."""
+        last = max(bisect.bisect_right(self._stamps, end), 1)
+        first = min(max(bisect.bisect_right(self._stamps, start) - 1, 0), last - 1)
+        for kept in (self._stamps, self._values):
+            del kept[last:], kept[:first]

@@ -1,0 +1,77 @@
+"""Which sweeps are taken together: consecutive ones under the same conditions, and how fast the crane drives there."""
+
+import numpy as np
+
+GROUP = 24
+"""Largest number of sweeps of a driving crane that are taken together."""
+
+_PAUSE = 2.0  # a longer one, and one of more than five intervals, between sweeps begins a new group [s]
+_FASTEST = 10.0  # a faster change of the reference is another distance, not a drive [m/s]
+_STILL = 0.05  # by which a standing crane's reference may change beyond its noise [m]
+_PEAK = 8.0  # largest difference within one group of readings, in standard deviations of the reference
+_BENT = 4.0  # standard deviations from which on an acceleration is more than noise
+_SMALLEST = 6  # sweeps of a driving crane's group that is not cut further
+_STEADY = 60.0  # weather and temperatures count as steady for so long [s]
+_MAD_TO_STD = 1.4826  # of normal noise
+
+
+def groups(setting: np.ndarray, time: np.ndarray, distance: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Return the number of each sweep's group, (n,); arguments (n,), `std` of the distances."""
+    step = np.diff(time)
+    pause = max(_PAUSE, 5.0 * float(np.median(step))) if len(step) else _PAUSE
+    noise = _noise(distance, std)
+    still = _STILL + _PEAK * noise
+    new = (np.diff(setting) != 0) | (step > pause) | (np.abs(np.diff(distance)) > _FASTEST * step + still)
+    group = np.empty(len(time), int)
+    number = 0
+    for run in np.split(np.arange(len(time)), np.flatnonzero(new) + 1):
+        parts = min(int((time[run[-1]] - time[run[0]]) / _STEADY) + 1, max(len(run) // GROUP, 1))
+        drives = np.ptp(distance[run]) > still
+        if drives:
+            parts = max(parts, -(-len(run) // GROUP))
+        for part in np.array_split(run, parts):
+            for piece in _steady(part, time, distance, noise) if drives else [part]:
+                group[piece] = number
+                number += 1
+    return group
+
+
+def _steady(rows: np.ndarray, time: np.ndarray, distance: np.ndarray, noise: float) -> list[np.ndarray]:
+    """Return the rows in pieces, halved until the speed is steady in each as far as the `noise` [m] of distances shows.
+
+    Otherwise one velocity would not hold for a whole group of a crane that accelerates.
+    """
+    if len(rows) < 2 * _SMALLEST:
+        return [rows]
+    bend = np.polynomial.legendre.Legendre.fit(time[rows], distance[rows], 2).coef[2]
+    # the coefficient's variance is that of the mean times 5; its polynomial reaches 1 at the ends
+    if abs(bend) <= _BENT * noise * np.sqrt(5.0 / len(rows)):
+        return [rows]
+    return [piece for half in np.array_split(rows, 2) for piece in _steady(half, time, distance, noise)]
+
+
+def _noise(distance: np.ndarray, std: np.ndarray) -> float:
+    """Return the noise of distances, as stated or as they scatter from sweep to sweep if that is more [m]."""
+    stated = float(np.median(std[np.isfinite(std)])) if np.isfinite(std).any() else 0.0
+    if len(distance) < 3:
+        return stated
+    bends = np.diff(distance, 2)  # a steady drive has none; their standard deviation is sqrt(6) times the distance's
+    return max(stated, _MAD_TO_STD * float(np.median(np.abs(bends))) / np.sqrt(6.0))
+
+
+def slopes(
+    group: np.ndarray, time: np.ndarray, reference: np.ndarray, std: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the slope of the reference over each group and its standard deviation, (n,) [m/s]."""
+    slope, error = np.full((2, len(group)), np.nan)
+    for number in range(group[-1] + 1):
+        rows = np.flatnonzero((group == number) & np.isfinite(reference))
+        t = time[rows] - np.mean(time[rows]) if len(rows) else rows
+        if len(rows) < 3 or not (spread := np.sum(t * t)):
+            continue
+        value = np.sum(t * reference[rows]) / spread
+        residual = reference[rows] - np.mean(reference[rows]) - value * t
+        # a reference that states too little is believed as far as its own scatter says
+        noise = max(np.sqrt(np.mean(std[rows] ** 2)), np.sqrt(np.sum(residual**2) / (len(rows) - 2)))
+        slope[group == number], error[group == number] = value, noise / np.sqrt(spread)
+    return slope, error
