@@ -110,7 +110,7 @@ class Extractor:
     def _chunk(self, samples: tuple[np.ndarray, np.ndarray], full_scale: float) -> tuple[np.ndarray, ...]:
         """Return the feature arrays of a chunk; delays instead of ranges."""
         n = len(samples[0])
-        estimates, base = self.pair.with_basebands(*samples, full_scale)
+        estimates, base = self.pair.with_basebands(samples, full_scale)
         self.time = base.time[0]
         logs, phases, levels = [], [], []
         for lines, time in zip(base.lines, base.time, strict=True):
