@@ -92,14 +92,26 @@ def diagnose(
         BagError: the recording cannot be read.
         ConfigurationError: it lacks what is needed, or no such effect is there to be left out.
     """
+    if progress is not None:
+        progress('reading', 0.0)
+    return diagnose_dataset(read_dataset(path, pair), false_alarm_rate, out, progress, command, without)
+
+
+def diagnose_dataset(
+    data: Dataset,
+    false_alarm_rate: float = FALSE_ALARM_RATE,
+    out: Path | None = None,
+    progress: Callable[[str, float], None] | None = None,
+    command: str = '',
+    without: Collection[str] = (),
+) -> Diagnosis:
+    """Return what sweeps hold beyond their nominal model; arguments and errors as `diagnose`."""
     for effect in without:
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
-    report('reading', 0.0)
-    data = read_dataset(path, pair)
     if len(data.stations) != 2 or any(x is None for x in data.samples) or data.iq:
-        raise ConfigurationError(f'{path}: a diagnosis needs the real-valued raw IF of two stations')
+        raise ConfigurationError(f'{data.path}: a diagnosis needs the real-valued raw IF of two stations')
     comparison = Comparison(data)
     search = Search(comparison, progress, without)
     found, significance, rounds = forward(search, false_alarm_rate)
@@ -123,7 +135,7 @@ def diagnose(
         write_scenario(refined, data, [_entry(e) for e in chosen.effects])
     fitted_rows, held_rows = _split(data)
     diagnosis = Diagnosis(
-        recording=str(path),
+        recording=data.path,
         verdict=verdict,
         significance=significance,
         false_alarm_rate=false_alarm_rate,
