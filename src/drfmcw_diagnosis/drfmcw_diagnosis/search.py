@@ -1,5 +1,6 @@
 """Forward search for the effects that explain a recording, joint refinement, pruning, rivals and what is left over."""
 
+import collections
 import dataclasses
 import itertools
 import math
@@ -13,19 +14,22 @@ from scipy.ndimage import maximum_filter1d
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
-from .bank import Candidate, candidates
+from .bank import RECIPES, Candidate, at_stations, candidates
 from .comparison import Comparison
+from .places import CELLS, places
 
 MOST_EFFECTS = 4
 """Effects in one explanation."""
 
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
-_STARTS = 2  # places of each kind at which a refinement begins
+_STARTS = 3  # places of each kind at which a refinement begins
+_FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
 _TRUST = 0.003  # to which the forward models are trusted, relative to what they add
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
+_NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
 _CERTAIN = 2.0  # standard deviations that an effect's size must have
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
@@ -33,8 +37,7 @@ _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
 _FEW = 6  # places of rivals that are refined
-_LINE_THRESHOLD = 4.0  # of a bin's mean over the groups, to be tried as a spur
-_LINES = 3  # such bins of each station
+_KEPT = 512  # templates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,6 +189,33 @@ class Fitting:
         size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
         return np.where(lines | entries.where(kind='noise'), _HARMONICS_TRUST, _TRUST) * size
 
+    def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
+        """Return what each kind of number still holds, least probable first.
+
+        What the forward models may be off by counts as noise, see `doubt`.
+        """
+        c = self.comparison
+        template = fitted.template if fitted else np.zeros(len(c.residual))
+        rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+        found = []
+        for kind, station in c.entries.kinds():
+            z = rest[c.entries.where(kind=kind, station=station)]
+            z = z[z != 0.0]
+            if len(z) < 4:
+                continue
+            # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
+            freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
+            chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
+            largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
+            tests = [chi, largest]
+            if kind == 'ramp':
+                tests += _common(rest[c.entries.where(kind=kind, station=station)].reshape(len(c.members), -1))
+            probability = min(1.0, len(tests) * min(tests))
+            found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
+        count = len(found)
+        found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
+        return sorted(found, key=lambda f: f.probability)
+
 
 class Search(Fitting):
     """Searches the bank with one comparison; keeps the templates of the bank."""
@@ -204,38 +234,49 @@ class Search(Fitting):
             without: effects that are not searched for.
         """
         super().__init__(comparison)
-        self._quarters: dict[tuple, np.ndarray] = {}
+        self._kept: dict[tuple, np.ndarray] = {}
         self._progress = progress or (lambda text, share: None)
         data = comparison.data
         calibration = data.calibration[0]
-        found = {name: self._standing_out(number) for number, name in enumerate(data.stations)}
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
-        bank = list(candidates(data.stations, calibrated, found, len(comparison.members), without))
+        bank = list(candidates(data.stations, calibrated, len(comparison.members)))
         self.bank: list[Candidate] = []
         templates = []
         for number, candidate in enumerate(bank):
             template = self._template([candidate.build()])
-            if np.linalg.norm(template) > 1e-6:
+            if np.linalg.norm(template) > _NOTHING:
                 self.bank.append(candidate)
                 templates.append(template.astype(np.float32))
             if number % 20 == 0:
                 self._progress('templates of the registry', number / len(bank))
         self.templates = np.array(templates)
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
+        found = collections.Counter(c.key for c in self.bank)
+        self._places = {key: max(count, CELLS.get(key[0], 1)) for key, count in found.items()}
 
-    def _standing_out(self, station: int) -> tuple[float, ...]:
-        """Return the frequencies at which a station's spectra hold more than noise in all groups [Hz]."""
-        c = self.comparison
-        chosen = c.entries.where(kind='lines', station=station)
-        z = c.residual[chosen].reshape(len(c.members), -1)
-        score = z.sum(axis=0) / np.sqrt(np.maximum(np.count_nonzero(z, axis=0), 1))
-        width = c.data.sweeps[0][0].sample_rate / 2 / (z.shape[1] - 1)
-        peaks = [k for k in np.argsort(score)[::-1][: 4 * _LINES] if score[k] > _LINE_THRESHOLD]
-        apart: list[int] = []
-        for k in peaks:
-            if all(abs(k - other) > 2 for other in apart):
-                apart.append(int(k))
-        return tuple(k * width for k in apart[:_LINES])
+    def _scanned(self, residual: np.ndarray) -> list[Candidate]:
+        """Return the places at which the remainder itself says that effects of sharp shape should begin."""
+        found = []
+        stations = self.comparison.data.stations
+        for effect, recipes in RECIPES.items():
+            for recipe in recipes:
+                if not recipe.scanned:
+                    continue
+                for station in at_stations(effect, recipe, stations):
+                    number = stations.index(station) if station else -1
+                    for value in places(self.comparison, residual, effect, number):
+                        found.append(Candidate(effect, station, recipe, dict(recipe.start) | {recipe.scanned: value}))
+        return found
+
+    def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
+        """Return the template of a place; kept."""
+        values = values or candidate.values
+        key = (candidate.effect, candidate.station, tuple(sorted(values.items())))
+        if key not in self._kept:
+            if len(self._kept) >= _KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = self._template([candidate.build(values)]).astype(np.float32)
+        return self._kept[key]
 
     def settled(self, fitted: Fitted) -> Fitted:
         """Return an explanation whose lengths are told by the echo's delay and not by its carrier phase alone.
@@ -282,13 +323,18 @@ class Search(Fitting):
 
     def _promising(self, residual: np.ndarray, exclude: set[tuple[str, str]]) -> list[tuple[float, Candidate, dict]]:
         """Return (promised gain, candidate, values) of the bank's places, best first."""
+        scanned = [c for c in self._scanned(residual) if c.key not in exclude]
+        kept = [i for i, c in enumerate(self.bank) if c.key not in exclude]
+        templates = [self._unit(c) for c in scanned]
         weight = (self._weight**2).astype(np.float32)
-        power = np.einsum('ij,ij,j->i', self.templates, self.templates, weight)
-        overlap = self.templates @ (residual * weight).astype(np.float32)
+        weighted = (residual * weight).astype(np.float32)
+        overlap = [*(self.templates @ weighted)[kept], *(t @ weighted for t in templates)]
+        power = [*np.einsum('ij,ij,j->i', self.templates, self.templates, weight)[kept]]
+        power += [(t * t) @ weight for t in templates]
         found = [
             self._scaled(candidate, float(o), float(p), residual)
-            for candidate, o, p in zip(self.bank, overlap, power, strict=True)
-            if candidate.key not in exclude
+            for candidate, o, p in zip([*(self.bank[i] for i in kept), *scanned], overlap, power, strict=True)
+            if p > _NOTHING**2
         ]
         return sorted(found, key=lambda item: -item[0])
 
@@ -297,18 +343,18 @@ class Search(Fitting):
     ) -> tuple[float, Candidate, dict]:
         """Return what scaling one template promises, and the values with which to begin."""
         recipe, values = candidate.recipe, dict(candidate.values)
-        if not recipe.size:
-            return 2.0 * overlap - power, candidate, values
+        scale, gain = overlap / power, overlap**2 / power
+        if not recipe.size:  # the size is found by refinement
+            return gain if overlap > 0.0 else 0.0, candidate, values
         if recipe.per_group:
             return self._scaled_by_group(candidate, residual)
-        scale = overlap / power
         turn, quarter = recipe.quadrature
-        gain = overlap**2 / power
         if turn:
-            shifted = dict(values) | {turn: values[turn] + quarter if turn in values else quarter}
-            second = self._quarter(candidate, shifted)
-            second_scale = float(second @ residual) / max(float(second @ second), 1e-30)
-            gain += second_scale**2 * float(second @ second)
+            second = self._unit(candidate, dict(values) | {turn: values.get(turn, 0.0) + quarter})
+            weighted = second * self._weight**2
+            second_power = max(float(weighted @ second), 1e-30)
+            second_scale = float(weighted @ residual) / second_power
+            gain += second_scale**2 * second_power
             angle = math.atan2(second_scale, scale)
             values[turn] = values.get(turn, 0.0) + quarter * angle / (math.pi / 2.0)
             scale = math.hypot(scale, second_scale)
@@ -336,13 +382,6 @@ class Search(Fitting):
             values[name] = min(max(scale * value, low), high)
         return gain, candidate, values
 
-    def _quarter(self, candidate: Candidate, values: dict) -> np.ndarray:
-        """Return the template a quarter turn on; kept."""
-        key = (candidate.effect, candidate.station, tuple(sorted(values.items())))
-        if key not in self._quarters:
-            self._quarters[key] = self._template([candidate.build(values)]).astype(np.float32)
-        return self._quarters[key]
-
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
         residual = self.comparison.residual - (current.template if current else 0.0)
@@ -352,14 +391,14 @@ class Search(Fitting):
         for gain, candidate, values in promising:
             if gain < 9.0:
                 break
-            places = chosen.setdefault((candidate.key, candidate.free), [])
-            if len(places) < _STARTS:
-                places.append((gain, candidate, values))
-        kinds = sorted(chosen.values(), key=lambda places: -places[0][0])[:_TRIED]
+            begun = chosen.setdefault((candidate.key, candidate.free), [])
+            if len(begun) < _STARTS:
+                begun.append((gain, candidate, values))
+        kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[:_TRIED]
         base = [(e.candidate, e.values) for e in current.effects] if current else []
         starts = []
-        for places in kinds:
-            at = [self.fit([*base, (candidate, values)], 0) for _, candidate, values in places]
+        for starts_of in kinds:
+            at = [self.fit([*base, (candidate, values)], _FIRST_STEPS) for _, candidate, values in starts_of]
             starts.append(min(at, key=lambda f: f.misfit))
         results = []
         for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):
@@ -367,38 +406,13 @@ class Search(Fitting):
             results.append(self.fit([(e.candidate, e.values) for e in start.effects]))
         return sorted(results, key=lambda f: -f.evidence)
 
-    def probability(self, gain: float, freedom: int) -> float:
-        """Return the chance that noise alone gains as much somewhere in the bank (Bonferroni over its places)."""
-        return float(min(1.0, len(self.bank) * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
+    def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
+        """Return the chance that noise alone gains as much somewhere (Bonferroni).
 
-    # --- what is left ---
-
-    def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
-        """Return what each kind of number still holds, least probable first.
-
-        What the forward models may be off by counts as noise, see `doubt`.
+        Every kind of effect has the same share of the false alarms, whatever the number of places it may take.
         """
-        c = self.comparison
-        template = fitted.template if fitted else np.zeros(len(c.residual))
-        rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
-        found = []
-        for kind, station in c.entries.kinds():
-            z = rest[c.entries.where(kind=kind, station=station)]
-            z = z[z != 0.0]
-            if len(z) < 4:
-                continue
-            # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
-            freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
-            chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
-            largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
-            tests = [chi, largest]
-            if kind == 'ramp':
-                tests += _common(rest[c.entries.where(kind=kind, station=station)].reshape(len(c.members), -1))
-            probability = min(1.0, len(tests) * min(tests))
-            found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
-        count = len(found)
-        found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
-        return sorted(found, key=lambda f: f.probability)
+        count = (len(self._places) + len(CELLS)) * self._places.get(key, CELLS.get(key[0], 1))
+        return float(min(1.0, count * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
 
     # --- rivals ---
 
@@ -471,7 +485,7 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         before = current.misfit if current else search.misfit(0.0)
         freedom = sum(len(e.candidate.free) for e in best.effects)
         freedom -= sum(len(e.candidate.free) for e in current.effects) if current else 0
-        chance = search.probability(before - best.misfit, freedom)
+        chance = search.probability(before - best.misfit, freedom, best.effects[-1].key)
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
