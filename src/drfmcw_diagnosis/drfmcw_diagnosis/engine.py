@@ -110,9 +110,7 @@ def diagnose_dataset(
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
-    if len(data.stations) != 2 or any(x is None for x in data.samples) or data.iq:
-        raise ConfigurationError(f'{data.path}: a diagnosis needs the real-valued raw IF of two stations')
-    comparison = Comparison(data)
+    comparison = _compared(data)
     search = Search(comparison, progress, without)
     found, significance, rounds = forward(search, false_alarm_rate)
     left = search.leftovers(found)
@@ -156,6 +154,25 @@ def diagnose_dataset(
         places=len(search.bank),
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
+
+
+def check(data: Dataset) -> tuple[float, float]:
+    """Return the chance of what the nominal model leaves over, and its misfit per degree of freedom; no search.
+
+    It takes a hundredth of the time of `diagnose_dataset`, whose "consistent" implies a chance above its false-alarm
+    rate. Only a search sees mismatches that stand out of the noise by their shape alone.
+
+    Raises:
+        ConfigurationError: the data lack what is needed.
+    """
+    comparison = _compared(data)
+    return Fitting(comparison).leftovers(None)[0].probability, _per_freedom(comparison, 0.0)
+
+
+def _compared(data: Dataset) -> Comparison:
+    if len(data.stations) != 2 or any(x is None for x in data.samples) or data.iq:
+        raise ConfigurationError(f'{data.path}: a diagnosis needs the real-valued raw IF of two stations')
+    return Comparison(data)
 
 
 def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +259,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
         station=effect.candidate.station or None,
         parameters=parameters,
         log_evidence_gain=gain / 2.0,
-        p_value=search.probability(gain, len(effect.candidate.free)),
+        p_value=search.probability(gain, len(effect.candidate.free), effect.key),
         range_shift=float(alone[np.argmax(np.abs(alone))]),
     )
 
