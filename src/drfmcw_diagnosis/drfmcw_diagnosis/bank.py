@@ -24,6 +24,7 @@ class Recipe:
     start: Mapping[str, float]  # of parameters without a grid
     prior: Mapping[str, float]  # plausible size of every parameter that is fitted
     grid: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
+    scanned: str = ''  # parameter whose places the data show, see `places`
     decibel: bool = False  # the size is in decibels
     quadrature: tuple[str, float] = ('', 0.0)  # parameter, and its step, that turns the effect's phase by a quarter
     turn: tuple[str, float] = ('', 0.0)  # parameter, and its period by the carrier's phase, which reflection may shift
@@ -57,22 +58,22 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     'delay_temperature': (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),),
     'ground_reflection': (
         Recipe('coefficient', {'coefficient': 0.02}, {'coefficient': 0.5, 'height_product': 100.0},
-               {'height_product': _steps(1.0, 400.0, 40)}),
+               scanned='height_product'),
     ),
     'echo': (
         Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
-               {'excess_range': _steps(0.5, 400.0, 48)}, decibel=True, quadrature=('excess_range', WAVE / 4.0),
+               scanned='excess_range', decibel=True, quadrature=('excess_range', WAVE / 4.0),
                steps={'excess_range': 5e-4, 'relative_power': 0.05}, turn=('excess_range', WAVE)),
     ),
     'tx_leakage': (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),),
     'spur': (
-        Recipe('level', {'level': -80.0}, {'level': 20.0, 'frequency': 5e5}, {'frequency': ()}, decibel=True,
+        Recipe('level', {'level': -80.0}, {'level': 20.0, 'frequency': 5e5}, scanned='frequency', decibel=True,
                steps={'frequency': 20.0, 'level': 0.05}),
     ),
     'sweep_curvature': (Recipe('deviation', {'deviation': 50.0}, {'deviation': 1e4}),),
     'sweep_ripple': (
         Recipe('deviation', {'deviation': 20.0}, {'deviation': 2e3, 'rate': 5e4, 'phase': 3.0},
-               {'rate': tuple(np.arange(1000.0, 50000.0, 700.0).tolist())}, quadrature=('phase', np.pi / 2.0),
+               scanned='rate', quadrature=('phase', np.pi / 2.0),
                steps={'rate': 5.0, 'phase': 0.01}),
     ),
     'pll_settling': (
@@ -98,14 +99,15 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'sway': (
         Recipe('amplitude', {'amplitude': 1e-4}, {'amplitude': 0.05, 'frequency': 2.0, 'phase': 3.0},
-               {'frequency': (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)},
-               quadrature=('phase', np.pi / 2.0), steps={'frequency': 0.01, 'phase': 0.01}),
+               scanned='frequency', quadrature=('phase', np.pi / 2.0), steps={'frequency': 0.01, 'phase': 0.01}),
     ),
     'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
     'clipping': (
         Recipe('', {}, {'level': 20.0}, {'level': tuple(np.arange(-56.0, -2.0, 3.0).tolist())}, steps={'level': 0.1}),
     ),
-    'compression': (Recipe('third_order', {'third_order': 0.01}, {'third_order': 0.3}),),
+    'compression': (
+        Recipe('', {}, {'third_order': 0.3}, {'third_order': (-0.3, -0.1, 0.1, 0.3)}, steps={'third_order': 0.005}),
+    ),
     'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
     'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),
     'reference_offset': (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),),
@@ -155,38 +157,32 @@ class Candidate:
 
 
 def candidates(
-    stations: tuple[str, ...],
-    calibrated: Mapping[str, Mapping[str, float]],
-    found: Mapping[str, tuple[float, ...]],
-    groups: int,
-    without: Collection[str] = (),
+    stations: tuple[str, ...], calibrated: Mapping[str, Mapping[str, float]], groups: int
 ) -> Iterator[Candidate]:
-    """Yield the bank.
+    """Yield the places of the bank that do not depend on the recording.
 
     Args:
         stations: names.
         calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
-        found: frequencies at which a station's spectrum stands out [Hz].
         groups: in which sizes may differ.
-        without: effects that are left out.
     """
     for effect, recipes in RECIPES.items():
-        if effect in without:
-            continue
-        of_station = Effect.registry[effect].of == 'station'
         for recipe in recipes:
-            places = [''] if not of_station else [*stations, *([''] if recipe.stations == 'each and both' else [])]
-            for station in places:
-                grid = dict(recipe.grid)
-                if effect == 'spur':
-                    grid['frequency'] = found.get(station, ())
-                for values in itertools.product(*grid.values()):
-                    start = dict(recipe.start) | dict(zip(grid, values, strict=True))
+            if recipe.scanned or (recipe.per_group and groups < 2):
+                continue
+            for station in at_stations(effect, recipe, stations):
+                for values in itertools.product(*recipe.grid.values()):
+                    start = dict(recipe.start) | dict(zip(recipe.grid, values, strict=True))
                     if effect == 'phase_noise':
                         start['level'] += calibrated['phase_noise']['level']
                         start['corner'] *= calibrated['phase_noise']['corner']
                     if recipe.per_group:
-                        if groups < 2:
-                            continue
                         start = {f'{recipe.size}[{g}]': start[recipe.size] for g in range(groups)}
                     yield Candidate(effect, station, recipe, start)
+
+
+def at_stations(effect: str, recipe: Recipe, stations: tuple[str, ...]) -> list[str]:
+    """Return the stations at which an effect is looked for; '' for none, or for both."""
+    if Effect.registry[effect].of != 'station':
+        return ['']
+    return [*stations, *([''] if recipe.stations == 'each and both' else [])]
