@@ -396,14 +396,15 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
         ]
     shown = diagnosis.alternatives[:_LISTED]
     said = [
-        f'It could also be {_rival(rival)}; the first one is {odds(best - rival.log_evidence_gain)} probable.'
+        f'It could also be {with_sizes(rival)}; the first one is {odds(best - rival.log_evidence_gain)} probable.'
         for rival in shown
     ]
     more = len(diagnosis.alternatives) - len(shown)
     return [*said, f'{_count(more, "further explanation")} also possible.'] if more else said
 
 
-def _rival(explanation: Explanation) -> str:
+def with_sizes(explanation: Explanation) -> str:
+    """Return the titles of an explanation's effects with their parameters."""
     return ' with '.join(
         f'{effect_title(e)} ({", ".join(f"{p.name} {p.size}" for p in effect_words(e).parameters)})'
         for e in explanation.effects
