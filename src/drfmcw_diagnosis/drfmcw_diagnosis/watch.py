@@ -85,7 +85,7 @@ def judge(order: Order) -> Iterator[Judgement]:
     """Yield what the check says, then, where a search is due, what that says."""
     try:
         data = order.snapshot.dataset()
-        chance, misfit = check(data)
+        chance, misfit = map(float, check(data))
         failed = chance < order.false_alarm_rate
         search = order.search or failed != order.failed
         start, end = int(data.stamp[0]), int(data.stamp[-1])
@@ -236,8 +236,15 @@ class Watch:
         if self.finding is not None:
             values |= _values(self.finding)
         else:
-            values['verdict'] = 'not judged' if judged is None else 'explained' if self._explained else 'consistent'
+            values['verdict'] = self._verdict()
         return Statement(level, message, values)
+
+    def _verdict(self) -> str:
+        if self._judged is None:
+            return 'not judged'
+        if self._explained is not None:
+            return 'explained'
+        return 'being searched' if self._judged.searching and self._judged.failed else 'consistent'
 
     def _said(self, now: float) -> tuple[str, str]:
         if (judged := self._judged) is None:
