@@ -121,6 +121,28 @@ class Comparison:
         extract = Extractor(data.sweeps[setting], data.calibration, self.heard, data.iq)
         return _Part(groups, local, nominal, steady(nominal, local), extract)
 
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """What these samples cannot tell, in sentences."""
+        said = []
+        if len(self.heard) < len(self.data.stations):
+            said.append(
+                f"'{self.receivers[0]}' alone tells no movement by its phase, and of the oscillators' noise nothing "
+                'cancels: small effects on the chirps hide in it'
+            )
+        if self.data.iq:
+            said.append('negative frequencies of the I/Q samples are not compared')
+        if not self._noise_told().all():
+            said.append('the noise is not compared: a calibration does not tell it')
+        if not self._power_told().all():
+            said.append('the received power is not compared where nothing tells what it should be')
+        if not self.scatters:
+            said.append(
+                f'fewer than {FEWEST} sweeps under the same conditions: they count as disturbed by white noise alone, '
+                'whatever else changes from sweep to sweep passes for a mismatch'
+            )
+        return tuple(said)
+
     def _range_told(self) -> np.ndarray:
         """Return in which groups the reference tells the distance (G,)."""
         return np.array([np.isfinite(self.data.reference[m]).all() for m in self.members])
