@@ -170,8 +170,6 @@ def check(data: Dataset) -> tuple[float, float]:
 
 
 def _compared(data: Dataset) -> Comparison:
-    if len(data.stations) != 2 or any(x is None for x in data.samples) or data.iq:
-        raise ConfigurationError(f'{data.path}: a diagnosis needs the real-valued raw IF of two stations')
     return Comparison(data)
 
 
@@ -276,7 +274,7 @@ def _next_measurement(chosen: Fitted, rivals: Sequence[Fitted]) -> str | None:
 
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
-    sentences_ = list(data.missing)
+    sentences_ = [*data.missing, *search.comparison.untold]
     unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
@@ -289,10 +287,10 @@ def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tu
 
 
 def _name(comparison: Comparison, kind: str, station: int) -> str | None:
-    """Return the station's name, None where the numbers are the pair's."""
-    if station < 0 or (kind == 'ramp' and station >= 2):
-        return None
-    return comparison.data.stations[station]
+    """Return the station's name, None where the numbers are the path's."""
+    if kind == 'ramp':
+        station = comparison.channels[station].receiver
+    return None if station < 0 else comparison.receivers[station]
 
 
 def _axis(comparison: Comparison, kind: str, station: int) -> tuple[np.ndarray, np.ndarray]:
@@ -364,12 +362,9 @@ _WORDS = {
 
 
 def _row_name(comparison: Comparison, kind: str, station: int) -> str:
-    if kind == 'ramp':
-        if station >= 2:
-            return ('sum', 'difference')[station - 2] + ' of both IF phases over the sweep'
-        return f'IF amplitude over the sweep, {comparison.data.stations[station]}'
     name = _name(comparison, kind, station)
-    return _WORDS[kind] + (f', {name}' if name else '')
+    words = comparison.channels[station].words if kind == 'ramp' else _WORDS[kind]
+    return words + (f', {name}' if name else '')
 
 
 def _rows(comparison: Comparison) -> list[tuple[str, int]]:
@@ -412,7 +407,7 @@ def _series(comparison: Comparison, chosen: Fitted | None) -> tuple[Series, ...]
         worst = int(squares.argmax())
         at = f' at {distance[worst]:.0f} m'
         if kind == 'ramp':
-            scale, unit = (20.0 / math.log(10.0), 'dB') if station < 2 else (1.0, 'rad')
+            scale, unit = (1.0, 'rad') if c.channels[station].of_phase else (20.0 / math.log(10.0), 'dB')
             residual, curve = (
                 scipy.fft.idct(np.where(np.isfinite(c.std.ramp[worst, station]), v, 0.0), norm='ortho') * scale
                 for v in (
