@@ -14,6 +14,7 @@ from drfmcw_sim.effects import Effect
 from .bank import RECIPES
 from .comparison import FEWEST, Comparison
 from .dataset import Dataset, read_dataset
+from .next_measurement import ranked
 from .refined import write_scenario
 from .result import (
     BeforeAfter,
@@ -24,6 +25,7 @@ from .result import (
     FoundEffect,
     Location,
     MisfitMap,
+    NextMeasurement,
     Separability,
     Series,
 )
@@ -51,21 +53,6 @@ _LEVELS = {
     'movement': ('range', 'time'),
 }
 """Level and axis of the interface by kind of number."""
-
-_DECIDING = (
-    ('reads both reference oscillators with a frequency counter (0.01 ppm)',
-     {'reference_clock_offset', 'reference_clock_temperature', 'reference_clock_drift'}),
-    ('reads the ADC clock with a frequency counter', {'sample_clock_offset'}),
-    ('measures a known short baseline, 5 m by tape, between the antennas',
-     {'delay_offset', 'delay_temperature', 'slant_geometry', 'ground_reflection'}),
-    ('checks the reference instrument against a second one at two distances',
-     {'reference_offset', 'reference_scale', 'reference_lag'}),
-    ('repeats the recording at another air temperature with a weather sensor at both ends', {'air_refractivity'}),
-    ('repeats the recording with another T_off', {'echo', 'if_filter', 'sample_clock_offset', 'spur'}),
-    ('measures at the longest range, where what grows with distance stands out',
-     {'amplitude_loss', 'reference_scale', 'air_refractivity'}),
-)  # fmt: skip
-"""Measurements, and the effects that each shows apart from all others."""
 
 
 def diagnose(
@@ -125,6 +112,10 @@ def diagnose_dataset(
         report('rivals', 0.9)
         rivals = search.rivals(found)
         verdict, chosen = ('ambiguous' if rivals else 'explained'), found
+    deciding: tuple[NextMeasurement, ...] = ()
+    if rivals:
+        report('measurements that would decide', 0.93)
+        deciding = ranked(search, found, rivals)
     report('held-out sweeps', 0.95)
     explanation = _explanation(search, chosen) if chosen else None
     refined = None
@@ -140,7 +131,8 @@ def diagnose_dataset(
         locations=_locations(comparison),
         explanation=explanation,
         alternatives=tuple(_explanation(search, r) for r in rivals),
-        next_measurement=_next_measurement(chosen, rivals) if rivals else None,
+        next_measurement=deciding[0].sentence if deciding and deciding[0].decides else None,
+        measurements=deciding,
         fit=_fit(comparison, chosen, data, fitted_rows, held_rows),
         refined_config=refined,
         not_testable=_not_testable(data, search, without),
@@ -260,17 +252,6 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
         p_value=search.probability(gain, len(effect.candidate.free), effect.key),
         range_shift=float(alone[np.argmax(np.abs(alone))]),
     )
-
-
-def _next_measurement(chosen: Fitted, rivals: Sequence[Fitted]) -> str | None:
-    """Return the measurement that tells most of the explanations apart, None where none of the known ones does."""
-    explanations = [{e.candidate.effect for e in f.effects} for f in (chosen, *rivals)]
-    scored = []
-    for text, shows in _DECIDING:
-        told = sum(bool(effects & shows) for effects in explanations)
-        scored.append((min(told, len(explanations) - told), text))
-    best, text = max(scored)
-    return f'A measurement that {text}' if best else None
 
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
