@@ -41,11 +41,12 @@ class Measurement(abc.ABC):
         return self.text.format(m=self)
 
     @abc.abstractmethod
-    def view(self, comparison: Comparison) -> View | None:
+    def view(self, comparison: Comparison, places: int) -> View | None:
         """Return what it shows, None where it cannot be made.
 
         Args:
             comparison: the recording, whose conditions, noise and settings hold for it too.
+            places: distances at which sweeps are simulated, at most.
         """
 
 
@@ -64,7 +65,7 @@ class _Reading(Measurement):
     def std(self, comparison: Comparison, m: Measurements) -> np.ndarray | float:
         """Return the standard deviation of each reading."""
 
-    def view(self, comparison: Comparison) -> View | None:
+    def view(self, comparison: Comparison, places: int) -> View | None:
         """Return the readings less the nominal ones."""
         m = self.moments(comparison)
         if m is None:
