@@ -157,7 +157,10 @@ class Candidate:
 
 
 def candidates(
-    stations: tuple[str, ...], calibrated: Mapping[str, Mapping[str, float]], groups: int
+    stations: tuple[str, ...],
+    calibrated: Mapping[str, Mapping[str, float]],
+    groups: int,
+    without: Collection[str] = (),
 ) -> Iterator[Candidate]:
     """Yield the places of the bank that do not depend on the recording.
 
@@ -165,10 +168,11 @@ def candidates(
         stations: names.
         calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
         groups: in which sizes may differ.
+        without: effects that are left out.
     """
     for effect, recipes in RECIPES.items():
         for recipe in recipes:
-            if recipe.scanned or (recipe.per_group and groups < 2):
+            if effect in without or recipe.scanned or (recipe.per_group and groups < 2):
                 continue
             for station in at_stations(effect, recipe, stations):
                 for values in itertools.product(*recipe.grid.values()):

@@ -235,11 +235,12 @@ class Search(Fitting):
         """
         super().__init__(comparison)
         self._kept: dict[tuple, np.ndarray] = {}
+        self._without = without
         self._progress = progress or (lambda text, share: None)
         data = comparison.data
         calibration = data.calibration[0]
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
-        bank = list(candidates(data.stations, calibrated, len(comparison.members)))
+        bank = list(candidates(data.stations, calibrated, len(comparison.members), without))
         self.bank: list[Candidate] = []
         templates = []
         for number, candidate in enumerate(bank):
@@ -254,13 +255,25 @@ class Search(Fitting):
         found = collections.Counter(c.key for c in self.bank)
         self._places = {key: max(count, CELLS.get(key[0], 1)) for key, count in found.items()}
 
+    @property
+    def places(self) -> int:
+        """How many independent places are searched: what chance is counted over."""
+        stations = self.comparison.data.stations
+        scanned = [
+            CELLS[effect] * len(at_stations(effect, recipe, stations))
+            for effect, recipes in RECIPES.items()
+            for recipe in recipes
+            if recipe.scanned and effect not in self._without
+        ]
+        return sum(self._places.values()) + sum(scanned)
+
     def _scanned(self, residual: np.ndarray) -> list[Candidate]:
         """Return the places at which the remainder itself says that effects of sharp shape should begin."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         for effect, recipes in RECIPES.items():
             for recipe in recipes:
-                if not recipe.scanned:
+                if not recipe.scanned or effect in self._without:
                     continue
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
