@@ -120,6 +120,7 @@ def diagnose_dataset(
     explanation = _explanation(search, chosen) if chosen else None
     refined = None
     if chosen and out is not None:
+        Path(out).mkdir(parents=True, exist_ok=True)
         refined = str(Path(out) / 'refined.yaml')
         write_scenario(refined, data, [_entry(e) for e in chosen.effects])
     fitted_rows, held_rows = _split(data)
@@ -143,7 +144,7 @@ def diagnose_dataset(
         sweeps_fitted=len(fitted_rows),
         sweeps_held_out=len(held_rows),
         command=command,
-        places=len(search.bank),
+        places=search.places,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
 
