@@ -80,7 +80,8 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
         'reference': distance,
     }
     made = _Supposed(**fields, begin=int(data.stamp[0]))
-    jitter = [np.var(s.beat) / (2.0 * made.sweeps[0][0].chirp_rate) ** 2 for s in comparison.sweeps]
+    per_delay = comparison.parts[0].extract.beat_per_start_delay
+    jitter = [np.var(s.beat) / per_delay**2 for s in comparison.sweeps]
     scatter = [np.var(s.amplitude, axis=0).mean() for s in comparison.sweeps]
     samples: list[np.ndarray | None] = [None] * len(data.stations)
     for setting in range(len(distinct)):
@@ -146,8 +147,10 @@ class _Sweeps(Measurement):
             return None
         made = supposed(comparison, conditions)
         spread = self.spread(made)
-        if conditions.referenced and not np.isfinite(comparison.data.reference).any():
-            spread[made.entries.where(kind=['range', 'velocity'])] = np.inf
+        for kind in ('range', 'velocity', 'amplitude', 'noise'):
+            told = np.isfinite(getattr(comparison.std, kind)).any()
+            if not told and (kind != 'range' or conditions.referenced):
+                spread[made.entries.where(kind=kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:
             acting = [self.acting(_at(e, conditions.groups), comparison) for e in effects]
@@ -183,7 +186,7 @@ def _timed(
     """Return the settings with another T_off, None where a line would leave the IF band at that distance."""
     index = comparison.data.refractive_index.mean()
     delay = sum(c.delay for c in comparison.data.calibration) + distance * index / SPEED_OF_LIGHT
-    mode = Mode.LONG_DISTANCE if delay > start_delay else Mode.SHORT_DISTANCE
+    mode = Mode.LONG_DISTANCE if delay > start_delay and not sweeps[0].hears_itself else Mode.SHORT_DISTANCE
     changed = tuple(dataclasses.replace(s, start_delay=start_delay, mode=int(mode)) for s in sweeps)
     for sweep in changed:
         line, margin = beat_frequency(sweep, delay, 1.0, 1.0), LINE * sweep.sample_rate / sweep.sample_count

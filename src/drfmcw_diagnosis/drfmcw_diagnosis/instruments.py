@@ -164,9 +164,9 @@ class TerminatedAntenna(_Reading):
 
     accuracy: float = 0.02  # of the ADC's scale [dB]
 
-    def moments(self, comparison: Comparison) -> Measurements:
-        """Return any moment."""
-        return _state(comparison, [0])
+    def moments(self, comparison: Comparison) -> Measurements | None:
+        """Return any moment; None where the calibrations do not tell the noise."""
+        return _state(comparison, [0]) if np.isfinite(comparison.std.noise).any() else None
 
     def read(self, m: Measurements, effects: Effects) -> np.ndarray:
         """Return the noise of each station [dB of 1 LSB^2 per sample]."""

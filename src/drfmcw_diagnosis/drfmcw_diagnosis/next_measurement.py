@@ -42,7 +42,8 @@ def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
     yield from (Baseline(5.0), Baseline(15.0), OtherStartDelay(), FurtherAway(), Between(), MoreSweeps())
     yield Repeated('when air and boards are 15 K warmer', board=15.0, air=15.0)
     for station in stations:
-        yield Repeated(f'with the board of {station} heated by 15 K, the other one not', board=15.0, station=station)
+        alone = ', the other one not' if len(stations) > 1 else ''
+        yield Repeated(f'with the board of {station} heated by 15 K{alone}', board=15.0, station=station)
     yield Repeated('an hour later at the same temperatures, the power left on', later=3600.0)
     yield Repeated('with attenuators of 10 dB before the receivers', attenuation=10.0)
     yield Repeated('with the crane braked, in calm air', still=True)
