@@ -41,6 +41,7 @@ _AMPLITUDE_LIMIT = 0.02  # what the link budget is trusted to [dB]
 _AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _BEAT_LIMIT = 10.0  # what T_off is trusted to on average, in beat frequency [Hz]
+_AIR_LIMIT = 3e-5  # refractivity of unknown weather may differ from the default's by so much, a tenth of it
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
@@ -127,25 +128,26 @@ class Comparison:
         said = []
         if len(self.heard) < len(self.data.stations):
             said.append(
-                f"'{self.receivers[0]}' alone tells no movement by its phase, and of the oscillators' noise nothing "
-                'cancels: small effects on the chirps hide in it'
+                f"Station '{self.receivers[0]}' alone tells no movement by its phase, and of the oscillators' noise "
+                'nothing cancels: small effects on the chirps hide in it'
             )
+            if not self._range_told().all():
+                said.append('Received power is not compared: the distance is not known well enough')
         if self.data.iq:
-            said.append('negative frequencies of the I/Q samples are not compared')
+            said.append('Negative frequencies of the I/Q samples are not compared')
         if not self._noise_told().all():
-            said.append('the noise is not compared: a calibration does not tell it')
-        if not self._power_told().all():
-            said.append('the received power is not compared where nothing tells what it should be')
+            said.append('Noise is not compared: what the calibrations tell of it is incomplete')
         if not self.scatters:
             said.append(
-                f'fewer than {FEWEST} sweeps under the same conditions: they count as disturbed by white noise alone, '
+                f'Fewer than {FEWEST} sweeps under the same conditions: they count as disturbed by white noise alone, '
                 'whatever else changes from sweep to sweep passes for a mismatch'
             )
         return tuple(said)
 
     def _range_told(self) -> np.ndarray:
-        """Return in which groups the reference tells the distance (G,)."""
-        return np.array([np.isfinite(self.data.reference[m]).all() for m in self.members])
+        """Return in which groups the reference tells the range of calibrated delays (G,)."""
+        calibrated = not any(f'/{station}/calibration' in self.data.lacking for station in self.data.stations)
+        return np.array([calibrated and np.isfinite(self.data.reference[m]).all() for m in self.members])
 
     def _power_told(self) -> np.ndarray:
         """Return where the link budget tells the received power (G, S)."""
@@ -156,7 +158,7 @@ class Comparison:
             for m in self.members
         ]  # fmt: skip
         # one line of two stations tells the distance no better than T_off is known
-        alone = len(data.stations) == 2 and len(self.heard) == 1
+        alone = len(self.heard) < len(data.stations)
         return np.array(told) & (self._range_told()[:, None] | (not alone))
 
     def _noise_told(self) -> np.ndarray:
@@ -171,9 +173,7 @@ class Comparison:
         """Return the measured features of all groups and their standard deviations."""
         errors_of_range = [s.range - self.data.distance[m] for s, m in zip(self.sweeps, self.members, strict=True)]
         range_std, beat_std, amplitude_std = self._scatter(errors_of_range)
-        range_limit = 0.0
-        if len(self.heard) < len(self.data.stations):  # T_off stands in the range of one line alone
-            range_limit = _BEAT_LIMIT / (2.0 * abs(self.data.sweeps[0][0].chirp_rate)) * SPEED_OF_LIGHT
+        range_limit = self._range_limit()
         movement_told = any(part.extract.way_per_phase for part in self.parts)
         noise_told = self._noise_told()
         values: list[Groups] = []
@@ -212,12 +212,22 @@ class Comparison:
                     noise_std,
                     np.hypot(beat_std[g] / root, _BEAT_LIMIT),
                     np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
-                    np.hypot(max(range_std[g], 1e-5) / root, range_limit),
+                    np.hypot(max(range_std[g], 1e-5) / root, range_limit[g]),
                     self.slope_std[g],
                     movement_std,
                 )
             )
         return joined(values), joined(errors)
+
+    def _range_limit(self) -> np.ndarray:
+        """Return what the range is trusted to beyond its noise (G,) [m]: zero where air and T_off are known."""
+        limit = np.zeros(len(self.members))
+        if any(topic.startswith('/site/') for topic in self.data.lacking):
+            limit = _AIR_LIMIT * np.array([self.data.distance[m].mean() for m in self.members])
+        if len(self.heard) < len(self.data.stations):  # T_off stands in the range of one line alone
+            start_delay = _BEAT_LIMIT / (2.0 * abs(self.data.sweeps[0][0].chirp_rate))
+            limit = np.hypot(limit, start_delay * SPEED_OF_LIGHT)
+        return limit
 
     def _scatter(self, errors_of_range: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return by what sweeps scatter: range (G,), beat (G,), amplitudes (G, S); inf where nothing tells it."""

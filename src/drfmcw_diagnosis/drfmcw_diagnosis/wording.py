@@ -47,6 +47,8 @@ _FURTHER = 2  # measurements that they name after the best
 
 def scaled(magnitude: float, unit: str) -> tuple[float, str]:
     """Return (factor, unit as shown) that suit a number as large as `magnitude` [unit]."""
+    if not magnitude:
+        return 1.0, _UNITS.get(unit, unit)
     for smallest, factor, shown in _PREFIXES.get(unit, ()):
         if abs(magnitude) >= smallest:
             return factor, shown
