@@ -97,7 +97,7 @@ def diagnose_dataset(
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
-    comparison = _compared(data)
+    comparison = Comparison(data)
     search = Search(comparison, progress, without)
     found, significance, rounds = forward(search, false_alarm_rate)
     left = search.leftovers(found)
@@ -158,12 +158,8 @@ def check(data: Dataset) -> tuple[float, float]:
     Raises:
         ConfigurationError: the data lack what is needed.
     """
-    comparison = _compared(data)
+    comparison = Comparison(data)
     return Fitting(comparison).leftovers(None)[0].probability, _per_freedom(comparison, 0.0)
-
-
-def _compared(data: Dataset) -> Comparison:
-    return Comparison(data)
 
 
 def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -256,7 +252,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
 
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
-    sentences_ = [*data.missing, *search.comparison.untold]
+    sentences_ = [*data.missing, *search.comparison.known.untold()]
     unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
