@@ -256,6 +256,24 @@ def test_one_stations_samples_are_enough():
     assert all(np.isfinite(m.separation) for m in found)
 
 
+def test_simulated_sweeps_scatter_as_they_are_said_to(recording):
+    """Nothing is concealed in them: mean squares are 1 but for so many numbers; the streams are fixed."""
+    for measurement in (Repeated('as before'), Repeated('weaker', attenuation=10.0), OtherStartDelay()):
+        made = measurement.view(recording, 5).comparison
+        for kind, low, high in (('ramp', 0.9, 1.1), ('lines', 0.9, 1.1), ('noise', 0.5, 1.5), ('range', 0.1, 3.0)):
+            numbers = made.residual[made.entries.where(kind=kind)]
+            numbers = numbers[numbers != 0.0]
+            assert low < np.mean(numbers**2) < high, (measurement, kind)
+
+
+def test_a_driving_crane_is_measured_standing():
+    """The drive's own sweeps tell noise and settings; further ones are made at its distances, one group at each."""
+    comparison = Comparison(read_dataset(DATA.parent / 'recording_5'))
+    made = Repeated('as before').view(comparison, 4).comparison
+    assert len(made.members) == 4 and made.standing.all()
+    assert np.mean(made.residual[made.entries.where(kind='ramp')] ** 2) < 1.1
+
+
 def test_every_measurement_says_what_to_do():
     sentences = [m.sentence for m in measurements(('master', 'slave'))]
     assert len(set(sentences)) == len(sentences)

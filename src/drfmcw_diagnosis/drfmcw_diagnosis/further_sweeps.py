@@ -45,11 +45,17 @@ class _Supposed(Dataset):
     """A recording that nobody has made."""
 
     begin: int  # stamp of the first sweep of the real one [ns]
+    place: np.ndarray  # (n,) number of the distance at which each sweep is made
 
     @functools.cached_property
     def time(self) -> np.ndarray:
         """Time since the first sweep of the real recording, (n,) [s]."""
         return (self.stamp - self.begin) * 1e-9
+
+    @property
+    def group(self) -> np.ndarray:
+        """Number of the place, (n,): conditions are the same there, whatever the readings say."""
+        return self.place
 
 
 def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
@@ -79,7 +85,7 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
         'temperature': fields['temperature'] + conditions.air,
         'reference': distance,
     }
-    made = _Supposed(**fields, begin=int(data.stamp[0]))
+    made = _Supposed(**fields, begin=int(data.stamp[0]), place=place)
     per_delay = comparison.parts[0].extract.beat_per_start_delay
     jitter = [np.var(s.beat) / per_delay**2 for s in comparison.sweeps]
     scatter = [np.var(s.amplitude, axis=0).mean() for s in comparison.sweeps]
