@@ -171,7 +171,9 @@ def _alarms(records: Sequence[Record]) -> str:
     cells = [(name, str(rate(cases, is_alarm)), str(rate(cases, figures.detected))) for name, cases in rows]
     return _table(('recordings without an effect', 'false alarms', 'any mismatch'), cells) + (
         '\n\nA wrong noise shape, outliers and drift are mismatches themselves: naming or locating just them is no '
-        f'false alarm, if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess.'
+        f'false alarm, if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess. Significances '
+        'of recordings with the right noise should follow the straight line: above it alarms come too often, below it '
+        'too rarely. The others do hold something significant.'
     )
 
 
