@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from drfmcw_node.estimation import Flag
 from drfmcw_node.noise import QUANTISATION
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.phase_noise import combination_gain
@@ -59,12 +60,17 @@ class Comparison:
 
         Raises:
             ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter, which two
-                stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone.
+                stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone,
+                but its line must stand clear of 0 Hz.
         """
         self.data = data
         self.heard = tuple(i for i, x in enumerate(data.samples) if x is not None)
         self.receivers = tuple(data.stations[i] for i in self.heard)
         rows = np.arange(len(data)) if rows is None else np.asarray(rows)
+        if len(data.stations) == 1:
+            rows = rows[(data.lines.flags[0, rows] & Flag.NEAR_DC) == 0]
+            if not len(rows):
+                raise ConfigurationError(f'{data.path}: no sweep is usable, the line stands too near 0 Hz')
         group = data.group[rows]
         members = [rows[group == g] for g in np.unique(group)]
         self.members = [m for m in members if len(m) >= FEWEST]

@@ -26,7 +26,6 @@ _REFINED = 5  # of them that are refined, by what they bring where the refinemen
 _STARTS = 3  # places of each kind at which a refinement begins
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
-_TRUST = 0.003  # to which the forward models are trusted, relative to what they add
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
@@ -183,11 +182,11 @@ class Fitting:
         lines = entries.where(kind='lines')
         size = np.abs(fitted.template)
         if not any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects):
-            return np.where(lines, _LINES_TRUST, _TRUST) * size
+            return np.where(lines, _LINES_TRUST, self.comparison.known.trust) * size
         # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
         bins = self.comparison.measured.lines.shape[-1]
         size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
-        return np.where(lines | entries.where(kind='noise'), _HARMONICS_TRUST, _TRUST) * size
+        return np.where(lines | entries.where(kind='noise'), _HARMONICS_TRUST, self.comparison.known.trust) * size
 
     def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
         """Return what each kind of number still holds, least probable first.
