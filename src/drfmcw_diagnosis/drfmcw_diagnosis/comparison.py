@@ -251,9 +251,7 @@ class Comparison:
     def _predict(self, effects: tuple[Effect, ...]) -> Groups:
         found: list[Groups] = [None] * len(self.members)
         for part in self.parts:
-            state = part.steady.rows(slice(None))
-            for effect in sorted(effects, key=lambda e: e.stage):
-                effect.prepare(state)
+            state = self._acted(part, effects)
             features = self._simulated(part, effects)
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
@@ -286,6 +284,14 @@ class Comparison:
                 )
         return joined(found)
 
+    @staticmethod
+    def _acted(part: Part, effects: Sequence[Effect]) -> Measurements:
+        """Return the groups' steady conditions after effects."""
+        state = part.steady.rows(slice(None))
+        for effect in sorted(effects, key=lambda e: e.stage):
+            effect.prepare(state)
+        return state
+
     def _simulated(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group.
 
@@ -296,7 +302,7 @@ class Comparison:
         copies, count = _DISTORTED if distorting else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
-        moved = align(part, rows, copies, self.sweeps)
+        moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
         features = self._mean_features(part, rows, effects, copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -327,7 +333,7 @@ class Comparison:
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
-        align(part, rows, copies, self.sweeps)
+        align(part, rows, copies, self.sweeps, self._acted(part, effects))
         return self._mean_features(part, rows, effects, copies, noise)
 
     def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:

@@ -28,6 +28,8 @@ _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
+_FAINT = 0.1  # length of a template below which it may be rounding only
+_ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
 _CERTAIN = 2.0  # standard deviations that an effect's size must have
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
@@ -244,7 +246,7 @@ class Search(Fitting):
         templates = []
         for number, candidate in enumerate(bank):
             template = self._template([candidate.build()])
-            if np.linalg.norm(template) > _NOTHING:
+            if self._shows(candidate, template):
                 self.bank.append(candidate)
                 templates.append(template.astype(np.float32))
             if number % 20 == 0:
@@ -253,6 +255,21 @@ class Search(Fitting):
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
         found = collections.Counter(c.key for c in self.bank)
         self._places = {key: max(count, CELLS.get(key[0], 1)) for key, count in found.items()}
+
+    def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
+        """Return whether the recording can show an effect: what does not grow with the size is rounding."""
+        length, recipe = float(np.linalg.norm(template)), candidate.recipe
+        if length > _FAINT:
+            return True
+        if length <= _NOTHING or not recipe.size:
+            return False
+        twice = {
+            name: value + 20.0 * math.log10(2.0) if recipe.decibel else 2.0 * value
+            for name, value in candidate.values.items()
+            if name.partition('[')[0] == recipe.size
+        }
+        other = self._template([candidate.moved(**twice).build()])
+        return float(template @ other) > _ALIKE * length * float(np.linalg.norm(other))
 
     @property
     def places(self) -> int:
