@@ -104,6 +104,12 @@ NULL = {'verdicts': ('consistent',), 'tolerated': ('phase_noise',), 'levels': ('
         (truth(DELAY, **TWINS), finding('ambiguous', found(OFFSET), alternatives=[found(DELAY)]), 'right'),
         (truth(DELAY, **TWINS), finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]), 'wrong'),
         (truth(DELAY, **TWINS), finding('explained', found(OFFSET)), 'wrong'),
+        # what the data hardly tell may be told
+        (
+            truth(DELAY, verdicts=('explained', 'ambiguous'), rivals=(OFFSET,)),
+            finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]),
+            'undecided',
+        ),
         (truth(DELAY, **TWINS), finding('explained', found(DELAY)), 'wrong'),
         # nothing concealed
         (truth(**NULL), finding('consistent'), 'right'),
@@ -162,6 +168,12 @@ def test_second_opinion_takes_findings_as_the_tool_writes_them():
     )
     first, second, third = apart(condition, truth(DELAY)['effects'], said)
     assert first < 0.1 and second is None and third is None  # twin, truth, a parameter that the effect lacks
+    # the noise of a fit is no difference: a twin three of its deviations off is a twin
+    off = found(
+        {**OFFSET, 'parameters': {'offset': 0.9 * twin['parameters']['offset']}},
+        std=-0.1 / 3.0 * twin['parameters']['offset'],
+    )
+    assert apart(condition, truth(DELAY)['effects'], finding('explained', off)) == [pytest.approx(0.0, abs=0.05)]
     first, second, third = parted(condition, truth(DELAY)['effects'], said)
     assert first > 4.0 and second is None and third is None
     assert parted(condition, truth(DELAY)['effects'], said | {'next_measurement': 'Sing to it.'}) is None

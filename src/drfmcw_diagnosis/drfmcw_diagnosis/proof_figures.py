@@ -308,7 +308,10 @@ def goals(records: Sequence[Record]) -> list[Goal]:
 
 
 def parted(record: Record) -> list[float] | None:
-    """Return by how much the recommended measurement, carried out, parts the truth from each rival named."""
+    """Return by how much the recommended measurement, carried out, parts the truth, if named, from its rivals."""
+    judged = record['judgement']
+    if judged.get('truth') not in judged['named']:
+        return None
     found = [p for p in record.get('parted') or [] if p is not None]
     return found or None
 
