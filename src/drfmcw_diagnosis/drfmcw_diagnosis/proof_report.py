@@ -342,7 +342,9 @@ def _said(record: Record) -> str:
 def _concealed(record: Record) -> str:
     def parameters(effect: Mapping[str, Any]) -> str:
         return ', '.join(
-            f'{n} {v:.4g} {effect["units"].get(n, "")}'.rstrip() if isinstance(v, int | float) else f'{n} per setting'
+            f'{n} {v:.4g} {effect["units"].get(n, "").removesuffix("1")}'.rstrip()
+            if isinstance(v, int | float)
+            else f'{n} per setting'
             for n, v in effect['parameters'].items()
         )
 
