@@ -11,6 +11,7 @@ import scipy.fft
 from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
@@ -287,6 +288,7 @@ class Search(Fitting):
         """Return the places at which the remainder itself says that effects of sharp shape should begin."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
+        wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
         for effect, recipes in RECIPES.items():
             for recipe in recipes:
                 if not recipe.scanned or effect in self._without:
@@ -294,7 +296,8 @@ class Search(Fitting):
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
                     for value in places(self.comparison, residual, effect, number):
-                        found.append(Candidate(effect, station, recipe, dict(recipe.start) | {recipe.scanned: value}))
+                        start = dict(recipe.start) | {recipe.scanned: value}
+                        found.append(Candidate(effect, station, recipe.at(wave), start))
         return found
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
