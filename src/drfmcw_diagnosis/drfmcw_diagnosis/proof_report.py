@@ -340,13 +340,13 @@ def _said(record: Record) -> str:
 
 
 def _concealed(record: Record) -> str:
+    def parameter(name: str, value: Any, unit: str) -> str:
+        if not isinstance(value, int | float):
+            return f'{name} per setting'
+        return f'{name} {value:.4g}' + (f' {unit}' if unit != '1' else '')
+
     def parameters(effect: Mapping[str, Any]) -> str:
-        return ', '.join(
-            f'{n} {v:.4g} {effect["units"].get(n, "").removesuffix("1")}'.rstrip()
-            if isinstance(v, int | float)
-            else f'{n} per setting'
-            for n, v in effect['parameters'].items()
-        )
+        return ', '.join(parameter(n, v, effect['units'].get(n, '1')) for n, v in effect['parameters'].items())
 
     if is_null(record):
         return f'nothing ({record["kind"]})'
