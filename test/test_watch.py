@@ -3,6 +3,9 @@
 import contextlib
 import dataclasses
 import json
+import re
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -14,7 +17,7 @@ from hypothesis import strategies as st
 from pieces_of_work import count_up, fail, sleep_long
 from scenes import record, scene
 
-from drfmcw_bringup.graph import REPLAY, Graph, parameters, private_environment
+from drfmcw_bringup.graph import REPLAY, STATION, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import monitored
 from drfmcw_diagnosis.background import Background, WorkFailed
 from drfmcw_diagnosis.dataset import Dataset, read_dataset
@@ -125,13 +128,13 @@ def test_time_set_back_begins_a_new_window():
     assert numbers(window) == set(range(5))
 
 
-def fed(recording: Path, **changes) -> Window:
-    """A window that has taken all messages of a recording in the order of its clock."""
+def fed(recording: Path, stations: tuple[str, ...] = ('master', 'slave'), **changes) -> Window:
+    """A window that has taken all messages of a recording in the order of its clock, the sweeps of some stations."""
     window = Window('master/slave', WindowSettings(**{'interval': 0.0} | changes))
     with BagReader(recording) as bag:
         for topic, _, message in bag.messages(set(bag.topics)):
             if topic.endswith('/if_samples'):
-                window.add([from_message(message, Sweep)])
+                window.add([from_message(message, Sweep)] * (message.station in stations))
             else:
                 window.take(topic, message)
     return window
@@ -145,6 +148,15 @@ def assert_same(one: Dataset, other: Dataset) -> None:
 
 def test_window_gives_the_dataset_of_the_recording(recordings):
     assert_same(fed(recordings['clean']).snapshot().dataset(), read_dataset(recordings['clean']))
+
+
+def test_one_station_alone_is_a_window_too(recordings):
+    """Where the other one's raw sweeps are not at hand: everything but them is as before."""
+    window = fed(recordings['clean'], stations=('master',))
+    assert window.complete == SWEEPS
+    alone, both = window.snapshot().dataset(), fed(recordings['clean']).snapshot().dataset()
+    assert alone.samples[1] is None and np.array_equal(alone.samples[0], both.samples[0])
+    assert alone.sweeps == both.sweeps and np.array_equal(alone.reference, both.reference)
 
 
 def test_conditions_leave_with_the_sweeps_they_were_for(recordings):
@@ -300,6 +312,24 @@ def test_background_ends_at_once():
 # --- in a graph ---
 
 
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (['--pair', 'masterslave'], "pair: 'masterslave' is not 'first/second'"),
+        (['--findings', '/proc/none'], 'findings: /proc/none: '),
+        (parameters({'expected': '[target_moton]'}), "did you mean 'target_motion'?"),
+        (parameters({'second_source': 'compresed'}), "did you mean 'compressed'?"),
+        (parameters({'window.sweeps': 3}), 'window.sweeps'),
+    ],
+)
+def test_wrong_start_ends_with_one_line(arguments, said):
+    ended = subprocess.run([sys.executable, '-m', WATCH, *arguments], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 2
+    assert re.fullmatch(r'[^\n]+\n', ended.stderr) and said in ended.stderr, ended.stderr
+    assert ended.stdout == ''
+
+
 class Heard:
     """What the watch has said so far."""
 
@@ -381,10 +411,12 @@ def test_node_is_content_with_what_the_model_explains(recordings, tmp_path):
 
 @pytest.mark.graph
 def test_signal_ends_a_node_that_searches(recordings, tmp_path):
-    """Within ten seconds, status 0, no traceback."""
-    with watched(tmp_path, search_interval=0.0) as (graph, heard, log):
-        graph.start('player', REPLAY, str(recordings['clock']), '--publish', '--rate', '4')
-        heard.wait(lambda s: 'searching for what it leaves out' in s.message, log)
+    """Within ten seconds, status 0, no traceback; one station's sweeps come compressed here."""
+    with watched(tmp_path, **{'window.interval': 0.0, 'second_source': 'compressed'}) as (graph, heard, log):
+        graph.start('slave', STATION, '--station', 'slave', *parameters({'output': 'compressed'}))
+        graph.start('player', REPLAY, str(recordings['clock']), '--publish', '--rate', '4', '--loop', '0')
+        said = heard.wait(lambda s: 'searching for what it leaves out' in s.message, log)
+        assert {v.key: v.value for v in said.values}['stations heard'] == 'master, slave'
         process = graph.members['watch'].process
         began = time.monotonic()
         graph.stop('watch')

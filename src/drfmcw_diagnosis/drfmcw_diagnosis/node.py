@@ -8,11 +8,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from drfmcw_msgs.msg import IfSamples, ReferenceRange, StationCalibration, StationStatus, SweepConfig
+from drfmcw_msgs.msg import (
+    CompressedIfSamples,
+    IfSamples,
+    ReferenceRange,
+    StationCalibration,
+    StationStatus,
+    SweepConfig,
+)
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
 
+from drfmcw_node.compression import CompressionError, decompress_message
 from drfmcw_node.processing import Sweep
+from drfmcw_node.station_settings import SWEEP_TOPICS
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
@@ -47,6 +56,12 @@ class WatchedSettings:
         description="stations whose sweeps are watched: 'first/second'; 'name/name' hears itself",
         structural=True,
     )
+    first_source: str = parameter(
+        'topic', choices=SWEEP_TOPICS, structural=True, description='how the sweeps of the first station come'
+    )
+    second_source: str = parameter(
+        'topic', choices=SWEEP_TOPICS, structural=True, description='how the sweeps of the second station come'
+    )
     findings: str = parameter(
         '', description='directory in which each finding is kept; empty: they are only published', structural=True
     )
@@ -75,13 +90,16 @@ class WatchNode(Node):
         self._watch = Watch(Window(watched.pair, window.value), settings.value, _directory(watched.findings))
         self._finding: Judgement | None = None  # that was logged
         self._background = Background(watch.judge)
-        for station in sorted(set(watched.pair.split('/'))):
+        sources = (watched.first_source, watched.second_source)
+        for station, source in dict(zip(watched.pair.split('/'), sources, strict=True)).items():
             self._listen(SweepConfig, f'/{station}/sweep_config', qos.latched_subscription(_LATCHED_DEPTH))
             self._listen(StationCalibration, f'/{station}/calibration', qos.latched_subscription(_LATCHED_DEPTH))
             self._listen(StationStatus, f'/{station}/status', qos.RELIABLE)
-            qos.subscription(
-                self, IfSamples, f'/{station}/if_samples', self._sweeps, qos.DEEP, batch=True, gather=_GATHER
-            )
+            if source == 'topic':
+                kind, topic, take = IfSamples, f'/{station}/if_samples', self._take_sweeps
+            else:
+                kind, topic, take = CompressedIfSamples, f'/{station}/if_samples_compressed', self._take_compressed
+            qos.subscription(self, kind, topic, take, qos.DEEP, batch=True, gather=_GATHER)
         for topic, kind in _SITE_TYPES.items():
             self._listen(kind, topic, qos.DEEP)
         Diagnostics(self, watched.pair).add(f'Model {watched.pair}', self._diagnose)
@@ -103,8 +121,16 @@ class WatchNode(Node):
             except ConfigurationError as error:
                 self.get_logger().error(f"refused {type(message).__name__} of '{message.station}': {error}")
 
-    def _sweeps(self, messages: Sequence[IfSamples]) -> None:
+    def _take_sweeps(self, messages: Sequence[IfSamples]) -> None:
         self._watch.window.add([from_message(message, Sweep) for message in messages])
+
+    def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
+        for message in messages:
+            try:
+                self._watch.window.add([decompress_message(message)])
+            except (CompressionError, ConfigurationError) as error:
+                text = f'compressed sweep {message.sweep_id} of {message.station}: {error}'
+                self.get_logger().warning(text, throttle_duration_sec=10.0)
 
     def _tick(self) -> None:
         """Take in what a look said, or begin one that is due; both leave the executor within milliseconds."""

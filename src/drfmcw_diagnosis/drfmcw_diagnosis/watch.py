@@ -205,8 +205,9 @@ class Watch:
         level, message = self._said(now)
         values: dict[str, str | float | int] = {
             'records received': self.window.received,
+            'stations heard': ', '.join(self.window.heard),
             'sweeps in the window': len(self.window),
-            'complete, with the records of all stations heard': self.window.complete,
+            'with the records of all stations heard': self.window.complete,
             'samples in the window [MB]': self.window.size / 1e6,
         }
         if (judged := self._judged) is not None:

@@ -100,8 +100,13 @@ class Window:
     @property
     def complete(self) -> int:
         """Number of sweeps with the records of all stations that are heard at all."""
-        heard = len({station for e in self._entries for station in e.records})
+        heard = len(self.heard)
         return sum(len(e.records) == heard for e in self._entries)
+
+    @property
+    def heard(self) -> tuple[str, ...]:
+        """Stations whose records are kept."""
+        return tuple(sorted({station for e in self._entries for station in e.records}))
 
     @property
     def newest(self) -> int:
@@ -182,7 +187,7 @@ class Window:
 
     def snapshot(self) -> Snapshot:
         """Return what is kept, without sweeps whose partner may still come; valid until the next message."""
-        heard = len({station for e in self._entries for station in e.records})
+        heard = len(self.heard)
         settled = [e for e in self._entries if len(e.records) == heard or e.stamp < self.newest - PAIRING]
         sweeps = [record for e in settled for record in e.records.values()]
         return Snapshot(self.pair, sweeps, self._conditions)
