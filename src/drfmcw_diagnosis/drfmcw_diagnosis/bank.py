@@ -24,6 +24,7 @@ class Recipe:
     start: Mapping[str, float]  # of parameters without a grid
     prior: Mapping[str, float]  # plausible size of every parameter that is fitted
     grid: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
+    defining: tuple[str, ...] = ()  # parameters that make it another effect where they are zero
     scanned: str = ''  # parameter whose places the data show, see `places`
     decibel: bool = False  # the size is in decibels
     quadrature: tuple[str, float] = ('', 0.0)  # parameter, and its step, that turns the effect's phase by a quarter
@@ -58,7 +59,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     'delay_temperature': (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),),
     'ground_reflection': (
         Recipe('coefficient', {'coefficient': 0.02}, {'coefficient': 0.5, 'height_product': 100.0},
-               scanned='height_product'),
+               scanned='height_product', defining=('height_product',)),
     ),
     'echo': (
         Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
@@ -78,7 +79,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'pll_settling': (
         Recipe('step', {'step': 500.0}, {'step': 1e5, 'natural_frequency': 5e4, 'damping': 1.0},
-               {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}),
+               {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}, defining=('damping',)),
     ),
     'phase_noise': (
         Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-3.0, 1.0, 3.0, 6.0), 'corner': (0.5, 1.0, 2.0)},

@@ -41,6 +41,7 @@ _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _BEAT_LIMIT = 10.0  # what T_off is trusted to on average, in beat frequency [Hz]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _POOL = 30.0  # sweeps that the scatter in all groups counts for in each
+_NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _DISTORTED = 12  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
@@ -365,7 +366,8 @@ class Comparison:
         power = np.array(self.parts[0].extract.window_power)[:, None]
         floor = np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=1)
         shown, noise = np.where(self._at_line(line, bins), np.nan, floor + added), quiet.copy()
-        for station, band in zip(*np.nonzero(np.add.reduceat(added, edges[:-1], axis=1)), strict=True):
+        noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=1) > _NOTICED
+        for station, band in zip(*np.nonzero(noticed), strict=True):
             inside = shown[station, edges[band] : edges[band + 1]]
             if np.isfinite(inside).any():
                 noise[station, band] = 10.0 * np.log10(np.nanmedian(inside) / power[station, 0])

@@ -23,14 +23,14 @@ MOST_EFFECTS = 4
 
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
-_STARTS = 3  # places of each kind at which a refinement begins
+_STARTS = 6  # places of each kind at which a refinement begins
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
 _TRUST = 0.003  # to which the forward models are trusted, relative to what they add
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
-_CERTAIN = 2.0  # standard deviations that an effect's size must have
+_CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
@@ -52,11 +52,12 @@ class FittedEffect:
 
     @property
     def certain(self) -> bool:
-        """False where the size may as well be zero: then the effect only lends its freedom to others."""
-        size = self.candidate.recipe.size
-        if not size or self.candidate.recipe.decibel or self.candidate.recipe.per_group:
-            return True
-        return abs(self.values[size]) > _CERTAIN * self.stds[size]
+        """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
+        recipe = self.candidate.recipe
+        needed = recipe.defining
+        if recipe.size and not (recipe.decibel or recipe.per_group):
+            needed = (recipe.size, *needed)
+        return all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in needed)
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -489,7 +490,7 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
-        if chance > false_alarm_rate or best.evidence <= needed + 1.0 or not best.effects[-1].certain:
+        if chance > false_alarm_rate or best.evidence <= needed + 1.0 or not all(e.certain for e in best.effects):
             break
         current = search.settled(best)
     return current, significance, rounds
