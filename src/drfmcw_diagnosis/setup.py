@@ -23,6 +23,7 @@ setup(
         'console_scripts': [
             'diagnose = drfmcw_diagnosis.diagnose:main',
             'prove = drfmcw_diagnosis.prove:main',
+            'watch = drfmcw_diagnosis.node:main',
         ],
     },
 )

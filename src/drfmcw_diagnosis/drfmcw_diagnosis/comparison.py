@@ -4,16 +4,17 @@ import dataclasses
 import functools
 import itertools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from drfmcw_node.noise import QUANTISATION
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.phase_noise import combination_gain
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.signal_model import Measurements, synthesise
+from drfmcw_sim.signal_model import Measurements, Station, synthesise
 
 from .dataset import Dataset
 from .features import (
@@ -27,6 +28,7 @@ from .features import (
     near_line,
     ramp_spectrum,
 )
+from .groups import Entries, Groups, band_edges, joined, pooled, steady
 
 FEWEST = 3
 """Sweeps of a group that tell their scatter; smaller groups are left out."""
@@ -40,47 +42,13 @@ _AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which cou
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _BEAT_LIMIT = 10.0  # what T_off is trusted to on average, in beat frequency [Hz]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
-_POOL = 30.0  # sweeps that the scatter in all groups counts for in each
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _DISTORTED = 12  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
-
-
-@dataclasses.dataclass(frozen=True)
-class Entries:
-    """What the numbers of the vector are; arrays (n,)."""
-
-    kind: np.ndarray  # 'ramp', 'lines', 'mean', 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'
-    station: np.ndarray  # number of the station, -1 for the pair; of ramp: 0, 1 log amplitudes, 2 sum, 3 difference
-    group: np.ndarray
-    position: np.ndarray  # cosine term, bin, band or sweep
-
-    def where(self, **wanted) -> np.ndarray:
-        """Return which entries have all the values given."""
-        chosen = np.ones(len(self.kind), bool)
-        for name, value in wanted.items():
-            chosen &= np.isin(getattr(self, name), value)
-        return chosen
-
-    def kinds(self) -> list[tuple[str, int]]:
-        """Return kinds with the stations each may have, in order."""
-        return [(str(k), int(s)) for k in dict.fromkeys(self.kind) for s in np.unique(self.station)]
-
-
-@dataclasses.dataclass(frozen=True)
-class Groups:
-    """Features of each of G groups, measured or predicted."""
-
-    ramp: np.ndarray  # (G, 4, K) cosine series, mean over the group
-    lines: np.ndarray  # (G, 2, B) power of narrow lines over the noise around [1]; 1 for none
-    mean: np.ndarray  # (G, 2) [LSB]
-    noise: np.ndarray  # (G, 2, BANDS) [dB of 1 LSB^2 per sample]
-    beat: np.ndarray  # (G,) [Hz]
-    amplitude: np.ndarray  # (G, 2) [dB of 1 LSB]
-    range: np.ndarray  # (G,) beyond the reference [m]
-    velocity: np.ndarray  # (G,) slope of the reference [m/s]
-    movement: np.ndarray  # (n sweeps,) within the group [m]
+_COHERENT = 0.5  # mean of the phasors of a group's sweeps beyond which their phases count as one
+_OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
+_KIND = 'U9'  # the longest name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,27 +69,33 @@ class Comparison:
         """Extract the features of a recording.
 
         Args:
-            data: the recording, of two stations.
+            data: the recording, of two stations or of one.
             rows: sweeps to use, None for all.
 
         Raises:
-            ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter.
+            ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter, which two
+                stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone.
         """
         self.data = data
+        self.heard = tuple(i for i, x in enumerate(data.samples) if x is not None)
+        self.receivers = tuple(data.stations[i] for i in self.heard)
         rows = np.arange(len(data)) if rows is None else np.asarray(rows)
         group = data.group[rows]
         members = [rows[group == g] for g in np.unique(group)]
         self.members = [m for m in members if len(m) >= FEWEST]
-        if not self.members:
-            raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
+        self.scatters = bool(self.members)
+        if not self.scatters:
+            if len(data.stations) == 2:
+                raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
+            self.members = members
         self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
         self.sweeps: list[SweepFeatures] = [None] * len(self.members)
         for part in self.parts:
             for g in part.groups:
-                samples = tuple(x[self.members[g]] for x in data.samples)
-                scale = float(np.median(data.full_scale[0, self.members[g]]))
+                samples = tuple(data.samples[i][self.members[g]] for i in self.heard)
+                scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
                 self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
-        self.time = self.sweeps[0].time
+        self.time, self.channels = self.sweeps[0].time, self.parts[0].extract.channels
         slope, slope_std = data.velocity, data.velocity_std
         self.slope = np.array([np.nanmean(slope[m]) if np.isfinite(slope[m]).any() else 0.0 for m in self.members])
         known = [np.isfinite(slope_std[m]).any() for m in self.members]
@@ -144,34 +118,79 @@ class Comparison:
         starts = np.concatenate([[0], np.cumsum(counts)])
         local = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
         nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
-        return _Part(groups, local, nominal, _steady(nominal, local), Extractor(data.sweeps[setting], data.calibration))
+        extract = Extractor(data.sweeps[setting], data.calibration, self.heard, data.iq)
+        return _Part(groups, local, nominal, steady(nominal, local), extract)
+
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """What these samples cannot tell, in sentences."""
+        said = []
+        if len(self.heard) < len(self.data.stations):
+            said.append(
+                f"'{self.receivers[0]}' alone tells no movement by its phase, and of the oscillators' noise nothing "
+                'cancels: small effects on the chirps hide in it'
+            )
+        if self.data.iq:
+            said.append('negative frequencies of the I/Q samples are not compared')
+        if not self._noise_told().all():
+            said.append('the noise is not compared: a calibration does not tell it')
+        if not self._power_told().all():
+            said.append('the received power is not compared where nothing tells what it should be')
+        if not self.scatters:
+            said.append(
+                f'fewer than {FEWEST} sweeps under the same conditions: they count as disturbed by white noise alone, '
+                'whatever else changes from sweep to sweep passes for a mismatch'
+            )
+        return tuple(said)
+
+    def _range_told(self) -> np.ndarray:
+        """Return in which groups the reference tells the distance (G,)."""
+        return np.array([np.isfinite(self.data.reference[m]).all() for m in self.members])
+
+    def _power_told(self) -> np.ndarray:
+        """Return where the link budget tells the received power (G, S)."""
+        data = self.data
+        told = [
+            [np.isfinite(data.sweeps[data.setting[m[0]]][-1 - i].tx_eirp
+                         + data.sweeps[data.setting[m[0]]][i].rx_antenna_gain) for i in self.heard]
+            for m in self.members
+        ]  # fmt: skip
+        # one line of two stations tells the distance no better than T_off is known
+        alone = len(data.stations) == 2 and len(self.heard) == 1
+        return np.array(told) & (self._range_told()[:, None] | (not alone))
+
+    def _noise_told(self) -> np.ndarray:
+        """Return of which stations the calibrations tell floor and skirts (S,)."""
+        data = self.data
+        skirts = all(np.isfinite(c.phase_noise_level + c.phase_noise_corner) for c in data.calibration)
+        return np.array([skirts and not data.noise_measured[i] for i in self.heard])
 
     # --- the recording ---
 
     def _measure(self) -> tuple[Groups, Groups]:
         """Return the measured features of all groups and their standard deviations."""
         errors_of_range = [s.range - self.data.distance[m] for s, m in zip(self.sweeps, self.members, strict=True)]
-        expected = [
-            np.mean(s.range_std**2 + np.nan_to_num(self.data.reference_std[m]) ** 2)
-            for s, m in zip(self.sweeps, self.members, strict=True)
-        ]
-        range_std = _pooled([e[:, None] for e in errors_of_range], np.array(expected))[:, 0]
-        beat_std = _pooled([s.beat[:, None] for s in self.sweeps])[:, 0]
-        amplitude_std = _pooled([s.amplitude for s in self.sweeps])
+        range_std, beat_std, amplitude_std = self._scatter(errors_of_range)
+        range_limit = 0.0
+        if len(self.heard) < len(self.data.stations):  # T_off stands in the range of one line alone
+            range_limit = _BEAT_LIMIT / (2.0 * abs(self.data.sweeps[0][0].chirp_rate)) * SPEED_OF_LIGHT
+        movement_told = any(part.extract.way_per_phase for part in self.parts)
+        noise_told = self._noise_told()
         values: list[Groups] = []
         errors: list[Groups] = []
         for g, (rows, sweeps, standing) in enumerate(zip(self.members, self.sweeps, self.standing, strict=True)):
             n = len(rows)
             root = np.sqrt(n)
             ramp = ramp_spectrum(sweeps.ramp)
-            variance = uniform_filter1d(ramp[..., _FREE:].var(axis=0, ddof=1), _SMOOTH, mode='nearest', axis=-1)
-            ramp_std = np.full(ramp.shape[1:], np.inf)
-            ramp_std[:, _FREE:] = np.sqrt(variance / n)
             power = sweeps.power.mean(axis=0)
             around = local_noise(power) / median_of_mean(n)
             noise, noise_std = self._bands(power, sweeps.line.mean(axis=0), n)
+            noise_std[~noise_told] = np.inf
+            ramp_variance, mean_variance = self._variances(sweeps, ramp, noise)
+            ramp_std = np.full(ramp.shape[1:], np.inf)
+            ramp_std[:, _FREE:] = np.sqrt(ramp_variance / n)
             error = errors_of_range[g]
-            movement, movement_std = self._movement(sweeps, standing)
+            movement, movement_std = self._movement(sweeps, standing and movement_told)
             values.append(
                 Groups(
                     ramp.mean(axis=0),
@@ -189,34 +208,76 @@ class Comparison:
                 Groups(
                     ramp_std,
                     around,
-                    np.maximum(sweeps.mean.std(axis=0, ddof=1), 0.01) / root,
+                    np.maximum(np.sqrt(mean_variance), 0.01) / root,
                     noise_std,
                     np.hypot(beat_std[g] / root, _BEAT_LIMIT),
-                    np.hypot(_AMPLITUDE_SHARED * amplitude_std[g] / root, _AMPLITUDE_LIMIT),
-                    max(range_std[g], 1e-5) / root,
+                    np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
+                    np.hypot(max(range_std[g], 1e-5) / root, range_limit),
                     self.slope_std[g],
                     movement_std,
                 )
             )
-        return _joined(values), _joined(errors)
+        return joined(values), joined(errors)
+
+    def _scatter(self, errors_of_range: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return by what sweeps scatter: range (G,), beat (G,), amplitudes (G, S); inf where nothing tells it."""
+        told, groups = self._range_told(), len(self.members)
+        expected = np.array(
+            [
+                np.mean(s.range_std**2 + np.nan_to_num(self.data.reference_std[m]) ** 2)
+                for s, m in zip(self.sweeps, self.members, strict=True)
+            ]
+        )
+        range_std, beat_std = np.full(groups, np.inf), np.full(groups, np.inf)
+        amplitude_std = np.full((groups, len(self.heard)), np.inf)
+        if not self.scatters:
+            range_std[told] = np.sqrt(expected[told])
+            return range_std, beat_std, amplitude_std
+        if told.any():
+            errors = [e[:, None] for e, t in zip(errors_of_range, told, strict=True) if t]
+            range_std[told] = pooled(errors, expected[told])[:, 0]
+        if len(self.heard) == 2:
+            beat_std = pooled([s.beat[:, None] for s in self.sweeps])[:, 0]
+        shared = _AMPLITUDE_SHARED if len(self.heard) == 2 else 1.0
+        amplitude_std = np.where(self._power_told(), shared * pooled([s.amplitude for s in self.sweeps]), np.inf)
+        return range_std, beat_std, amplitude_std
+
+    def _variances(self, sweeps: SweepFeatures, ramp: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return variances of one sweep of a group: of the ramp's terms but the free ones, and of the means (S, Q).
+
+        Args:
+            sweeps: their features.
+            ramp: cosine series of the same (n, 2 S, K).
+            noise: in bands (S, BANDS) [dB of 1 LSB^2 per sample].
+        """
+        if self.scatters:
+            variance = ramp[..., _FREE:].var(axis=0, ddof=1)
+            return uniform_filter1d(variance, _SMOOTH, mode='nearest', axis=-1), sweeps.mean.var(axis=0, ddof=1)
+        white = 10.0 ** (np.nanmedian(noise, axis=1) / 10.0)
+        variance, mean_variance = self.parts[0].extract.white_noise(sweeps, white)
+        return variance[:, None], mean_variance
+
+    def _floor(self, station: Station) -> np.ndarray:
+        """Return the variance of a sample without skirts (n,) [LSB^2], of both of its parts with iq."""
+        return (station.noise_std() ** 2 + QUANTISATION) * (2.0 if self.data.iq else 1.0)
 
     def _noise_limit(self) -> np.ndarray:
-        """Return what the model of the noise in bands is trusted to (G, 2, BANDS) [dB]: less where a skirt rules."""
+        """Return what the model of the noise in bands is trusted to (G, S, BANDS) [dB]: less where a skirt rules."""
         limit = np.empty(self.plain.noise.shape)
         for part in self.parts:
-            floor = np.array([s.noise_std() ** 2 + QUANTISATION for s in part.steady.stations]).T
+            floor = np.array([self._floor(part.steady.stations[i]) for i in self.heard]).T
             share = 1.0 - floor[..., None] / 10.0 ** (self.plain.noise[part.groups] / 10.0)
             limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
         return limit
 
     def _bands(self, power: np.ndarray, line: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (2, BANDS) each."""
+        """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (S, BANDS) each."""
         bins = power.shape[-1]
         masked = self._at_line(line, bins)
-        noise, std = np.full((2, BANDS), np.nan), np.full((2, BANDS), np.inf)
-        edges = _band_edges(bins)
+        noise, std = (np.full((len(power), BANDS), value) for value in (np.nan, np.inf))
+        edges = band_edges(bins)
         extractor = self.parts[0].extract
-        for station in range(2):
+        for station in range(len(power)):
             for band in range(BANDS):
                 inside = power[station, edges[band] : edges[band + 1]]
                 inside = inside[~masked[station, edges[band] : edges[band + 1]]]
@@ -230,7 +291,7 @@ class Comparison:
 
     def _movement(self, sweeps: SweepFeatures, standing: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf on a drive."""
-        wave = SPEED_OF_LIGHT / self.data.sweeps[0][0].center_frequency / (4.0 * np.pi)
+        wave = self.parts[0].extract.way_per_phase
         turned = np.unwrap(sweeps.carrier) * wave
         std = np.hypot(sweeps.phase_std * wave, _MOVEMENT_LIMIT)
         return turned - turned.mean(), std if standing else np.full(len(turned), np.inf)
@@ -278,7 +339,7 @@ class Comparison:
                     velocity[row],
                     displacement[row],
                 )
-        return _joined(found)
+        return joined(found)
 
     def _simulated(self, part: _Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group.
@@ -290,17 +351,50 @@ class Comparison:
         copies, count = _DISTORTED if distorting else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
+        moved = self._align(part, rows, copies)
         features = self._mean_features(part, rows, effects, copies)
+        if np.any(moved):
+            way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
+            features = dataclasses.replace(features, range=features.range - way)
         if distorting:
             features = dataclasses.replace(features, power=self._distorted(part, effects, False).power)
         return features
+
+    def _align(self, part: _Part, rows: Measurements, copies: int) -> np.ndarray:
+        """Give the line of a station that hears itself the measured phase; return the mean delay added (G,) [s].
+
+        Its phase is no free one as that of a pair, but follows from the delay, which nobody knows to a part of a
+        wavelength: less than that is added. Where the phases of a group's sweeps differ, the copies' lie evenly over
+        half a turn.
+
+        Args:
+            part: groups of one setting.
+            rows: their steady conditions, as often as there are copies; the delays are changed.
+            copies: number of them.
+        """
+        added = np.zeros((copies, len(part.groups)))
+        if len(part.steady.stations) == 2:
+            return added[0]
+        (station,) = part.steady.stations
+        delay, sweep = part.steady.paths[0].delay, station.sweep
+        carrier = station.alpha * sweep.center_frequency
+        own = carrier * delay - 0.5 * sweep.chirp_rate * delay**2  # turns in mid-sweep
+        for row, g in enumerate(part.groups):
+            phasor = np.mean(np.exp(1j * sweep.line_sign() * self.sweeps[g].carrier))
+            turns = np.arange(copies) / (2.0 * copies)
+            if abs(phasor) > _COHERENT:
+                turns = np.angle(phasor) / (2.0 * np.pi) - own[row]
+            added[:, row] = (turns - np.rint(turns)) / carrier[row]
+        rows.paths[0].delay += added.ravel()
+        return added.mean(axis=0)
 
     def _mean_features(
         self, part: _Part, rows: Measurements, effects: Sequence[Effect], copies: int, noise: bool = False
     ) -> SweepFeatures:
         """Return features of simulated sweeps, each the mean of its copies."""
         samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
-        features = part.extract(samples, rows.stations[0].full_scale, rows.refractive_index)
+        heard = tuple(samples[i].reshape(len(rows), -1) for i in self.heard)
+        features = part.extract(heard, rows.stations[self.heard[0]].full_scale, rows.refractive_index)
         count = len(part.groups)
         means = {
             f.name: getattr(features, f.name).reshape(copies, count, *getattr(features, f.name).shape[1:]).mean(axis=0)
@@ -316,10 +410,11 @@ class Comparison:
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
+        self._align(part, rows, copies)
         return self._mean_features(part, rows, effects, copies, noise)
 
     def _changed_noise(self, part: _Part, effects: Sequence[Effect]) -> np.ndarray:
-        """Return by how much distortion changes the noise in bands (G, 2, BANDS) [dB]: a limiter holds noise down."""
+        """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
         levels = []
         for acting in (effects, ()):
             features = self._distorted(part, acting, True)
@@ -332,11 +427,10 @@ class Comparison:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
         beat = self.sweeps[group].beat
         chosen = beat[np.linspace(0, len(beat) - 1, count).astype(int)]
-        sweep = self.data.sweeps[self.data.setting[self.members[group][0]]][0]
-        return (chosen - beat.mean()) / (2.0 * abs(sweep.chirp_rate))
+        return (chosen - beat.mean()) / self.parts[0].extract.beat_per_start_delay
 
     def _at_line(self, line: np.ndarray, bins: int) -> np.ndarray:
-        """Return which bins (2, B) are left to the features of the lines themselves; `line` (2,) [Hz]."""
+        """Return which bins (S, B) are left to the features of the lines themselves; `line` (S,) [Hz]."""
         rate = self.data.sweeps[0][0].sample_rate
         return near_line(bins, line, rate / 2 / (bins - 1), rate)
 
@@ -357,12 +451,12 @@ class Comparison:
         """Return what the medians of bands show with lines added [dB of 1 LSB^2 per sample], and the noise in each bin.
 
         Args:
-            quiet: noise in bands (2, BANDS) [dB of 1 LSB^2 per sample].
-            added: power of lines in each bin (2, B) [LSB^2].
-            line: of each station (2,) [Hz].
+            quiet: noise in bands (S, BANDS) [dB of 1 LSB^2 per sample].
+            added: power of lines in each bin (S, B) [LSB^2].
+            line: of each station (S,) [Hz].
         """
         bins = added.shape[-1]
-        edges = _band_edges(bins)
+        edges = band_edges(bins)
         power = np.array(self.parts[0].extract.window_power)[:, None]
         floor = np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=1)
         shown, noise = np.where(self._at_line(line, bins), np.nan, floor + added), quiet.copy()
@@ -393,17 +487,22 @@ class Comparison:
         return [way[local] - way[local].mean() for local in part.local]
 
     def _predicted_noise(self, state: Measurements, line: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, 2, BANDS): floor and skirts."""
+        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS): floor and skirts."""
         rate = state.stations[0].sweep.sample_rate
         centre = (np.arange(BANDS * 16) + 0.5) * (rate / 2 / (BANDS * 16))
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
-        result = np.empty((len(line), 2, BANDS))
-        for number, station in enumerate(state.stations):
-            floor = station.noise_std() ** 2 + QUANTISATION
+        result = np.empty((len(line), len(self.heard), BANDS))
+        for number, heard in enumerate(self.heard):
+            floor = self._floor(state.stations[heard])
             at, own = centre[None, :], line[:, number, None]
             offsets = np.stack([np.abs(at - own), np.minimum(at + own, rate - at - own)])
-            density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets)).sum(axis=0)
             power = 10.0 ** (amplitude[:, number] / 10.0) / 4.0
+            if self.data.iq:  # all of the line at one frequency, no mirror line
+                offsets, power = np.minimum(offsets[:1], rate - offsets[:1]), 4.0 * power
+            density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
+            if len(state.stations) == 1:  # the oscillator meets itself, a delay later
+                density = density * combination_gain(offsets, state.paths[0].delay[:, None])
+            density = density.sum(axis=0)
             inside = np.abs(at - own) < LINE * (rate / 2 / (self.measured.lines.shape[-1] - 1))
             skirt = np.where(inside, np.nan, density * rate * power[:, None]).reshape(len(line), BANDS, 16)
             with warnings.catch_warnings():
@@ -413,45 +512,46 @@ class Comparison:
 
     # --- vectors ---
 
+    def _blocks(self, values: Groups, g: int) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield what a group holds beyond the plain model, over its deviations: (kind, (stations, positions)).
+
+        One row stands for the path, else there is one of each station with samples, or of each of the ramp's channels.
+        """
+        count, start = len(self.members[g]), int(self._starts[g])
+        inside = slice(start, start + count)
+
+        def over(name: str) -> np.ndarray:
+            return (getattr(values, name)[g] - getattr(self.plain, name)[g]) / getattr(self.std, name)[g]
+
+        yield 'ramp', over('ramp')
+        lines = gaussian(values.lines[g], count) - gaussian(np.ones(1), count)
+        yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
+        yield 'mean', over('mean')
+        yield 'noise', np.nan_to_num(over('noise'))
+        yield 'beat', np.reshape(over('beat'), (1, 1))
+        yield 'amplitude', over('amplitude')[:, None]
+        yield 'range', np.reshape(over('range'), (1, 1))
+        yield 'velocity', np.reshape(over('velocity'), (1, 1))
+        moved = (values.movement[inside] - self.plain.movement[inside]) / self.std.movement[inside]
+        yield 'movement', moved[None]
+
     def _layout(self) -> Entries:
         """Return what each number of the vector is."""
-        parts: list[tuple] = []
+        parts: list[tuple[np.ndarray, ...]] = []
         bins = self.measured.lines.shape[-1]
         self._compared_lines = np.stack([~self._at_line(s.line.mean(axis=0), bins) for s in self.sweeps])
-        for g in range(len(self.members)):
-            for channel in range(4):
-                parts += [('ramp', channel, g, k) for k in range(self.measured.ramp.shape[-1])]
-            for station in range(2):
-                parts += [('lines', station, g, k) for k in range(bins)]
-            parts += [('mean', s, g, 0) for s in range(2)]
-            parts += [('noise', s, g, b) for s in range(2) for b in range(BANDS)]
-            parts += [('beat', -1, g, 0)]
-            parts += [('amplitude', s, g, 0) for s in range(2)]
-            parts += [('range', -1, g, 0), ('velocity', -1, g, 0)]
-            parts += [('movement', -1, g, int(i)) for i in self.members[g]]
-        kind, station, group, position = zip(*parts, strict=True)
-        return Entries(np.array(kind), np.array(station), np.array(group), np.array(position))
+        self._starts = np.cumsum([0, *map(len, self.members)])
+        for g, members in enumerate(self.members):
+            for kind, block in self._blocks(self.measured, g):
+                rows, columns = block.shape
+                station = np.repeat([-1] if kind in _OF_PATH else np.arange(rows), columns)
+                position = np.tile(members if kind == 'movement' else np.arange(columns), rows)
+                parts.append((np.full(block.size, kind, _KIND), station, np.full(block.size, g), position))
+        return Entries(*map(np.concatenate, zip(*parts, strict=True)))
 
     def _vector(self, values: Groups) -> np.ndarray:
         """Return features less those of the plain model, over their standard deviations."""
-        parts = []
-        counts = [len(m) for m in self.members]
-        starts = np.concatenate([[0], np.cumsum(counts)])
-        for g, count in enumerate(counts):
-            inside = slice(starts[g], starts[g + 1])
-            lines = gaussian(values.lines[g], count) - gaussian(np.ones(1), count)
-            differences = [
-                ((values.ramp[g] - self.plain.ramp[g]) / self.std.ramp[g]).ravel(),
-                np.where(self._compared_lines[g], lines, 0.0).ravel(),
-                (values.mean[g] - self.plain.mean[g]) / self.std.mean[g],
-                np.nan_to_num((values.noise[g] - self.plain.noise[g]) / self.std.noise[g]).ravel(),
-                np.atleast_1d((values.beat[g] - self.plain.beat[g]) / self.std.beat[g]),
-                (values.amplitude[g] - self.plain.amplitude[g]) / self.std.amplitude[g],
-                np.atleast_1d((values.range[g] - self.plain.range[g]) / self.std.range[g]),
-                np.atleast_1d((values.velocity[g] - self.plain.velocity[g]) / self.std.velocity[g]),
-                (values.movement[inside] - self.plain.movement[inside]) / self.std.movement[inside],
-            ]
-            parts += differences
+        parts = [block.ravel() for g in range(len(self.members)) for _, block in self._blocks(values, g)]
         return np.clip(np.concatenate(parts), -_LARGEST, _LARGEST)
 
     def template(self, effects: Sequence[Effect]) -> np.ndarray:
@@ -461,47 +561,3 @@ class Comparison:
         if distorting and linear:  # apart, as a distortion takes many sweeps to simulate
             return self._vector(self.predict(distorting)) + self._vector(self.predict(linear))
         return self._vector(self.predict(effects))
-
-
-def _band_edges(bins: int) -> np.ndarray:
-    """Return the first bin of each band and the end of the last, (BANDS + 1,)."""
-    return np.linspace(0, bins, BANDS + 1).astype(int)
-
-
-def _pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> np.ndarray:
-    """Return standard deviations within groups (G, k), each drawn towards what all groups together say.
-
-    Few sweeps tell their own scatter badly: taken alone it would make large residuals far too likely.
-
-    Args:
-        values: of each group (n, k).
-        expected: variance of each group (G,) up to a common factor; None where all are alike.
-    """
-    freedom = np.array([len(v) - 1 for v in values])[:, None]
-    own = np.array([v.var(axis=0, ddof=1) for v in values])
-    shape = np.ones((len(values), 1)) if expected is None else expected[:, None]
-    common = (freedom * own).sum(axis=0) / (freedom * shape).sum(axis=0) * shape
-    return np.sqrt((freedom * own + _POOL * common) / (freedom + _POOL))
-
-
-def _joined(groups: Sequence[Groups]) -> Groups:
-    """Return single groups' features as one; movements one after another."""
-    stacked = {f.name: np.stack([getattr(g, f.name) for g in groups]) for f in dataclasses.fields(Groups)[:-1]}
-    return Groups(**stacked, movement=np.concatenate([g.movement for g in groups]))
-
-
-def _steady(m: Measurements, local: Sequence[np.ndarray]) -> Measurements:
-    """Return one measurement per group, under the group's mean conditions; `local` are the groups' rows of `m`."""
-    result = m.rows(np.array([rows[0] for rows in local]))
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.array([values[rows].mean() for rows in local])
-
-    for station, source in zip(result.stations, m.stations, strict=True):
-        for name in ('received_power', 'temperature'):
-            getattr(station, name)[:] = mean(getattr(source, name))
-    for path, source in zip(result.paths, m.paths, strict=True):
-        path.delay[:] = mean(source.delay)
-    for name in ('range', 'time', 'velocity', 'refractive_index'):
-        getattr(result, name)[:] = mean(getattr(m, name))
-    return result

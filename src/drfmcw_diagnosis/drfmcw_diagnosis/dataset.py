@@ -74,6 +74,7 @@ class Dataset:
     reference: np.ndarray  # (n,) NaN where no reading is near enough [m]
     reference_std: np.ndarray  # (n,) [m]
     missing: tuple[str, ...]  # what the recording lacks and what can therefore not be told
+    noise_measured: tuple[bool, ...]  # of each station: no noise floor was told, the calibration holds the measured one
 
     def __len__(self) -> int:
         """Return the number of sweeps."""
@@ -287,6 +288,7 @@ def assembled(
     said += conditions.missing(stations, [s for s in stations if of_station[s]], next(iter(settings.values())))
     reference = conditions.reference(stations)
     known = reference_at(reference, heard)
+    calibrations = tuple(conditions.calibration(s, int(stamp[0])) for s in stations)
     dataset = Dataset(
         path=path,
         stations=stations,
@@ -302,14 +304,15 @@ def assembled(
         stamp=stamp,
         sweeps=tuple(settings.values()),
         setting=np.array([numbers[repr(s)] for s in held]),
-        calibration=tuple(conditions.calibration(s, int(stamp[0])) for s in stations),
+        calibration=calibrations,
         board_temperature=np.array([conditions.board_temperature(s, heard) for s in stations]),
         **conditions.weather(heard),
         reference=known,
         reference_std=_reference_std(reference, heard, known),
         missing=tuple(said),
+        noise_measured=tuple(bool(np.isnan(c.noise_floor)) for c in calibrations),
     )
-    if any(np.isnan(c.noise_floor) for c in dataset.calibration):
+    if any(dataset.noise_measured):
         dataset = _with_measured_noise(dataset)
     _ = dataset.group  # says at once where the distance cannot be told
     return dataset
@@ -426,7 +429,7 @@ def _measure(dataset: Dataset) -> Lines:
                     ranges[beat.sweep_id], stds[beat.sweep_id] = result.range, result.range_std
         for i, samples in enumerate(dataset.samples):
             if samples is None:
-                delay = _delay_of_one(
+                delay = delay_of_one(
                     settings[1 - i], found['frequency'][1 - i, run], dataset.calibration[1 - i], dataset.calibration[i]
                 )
                 hardware = sum(c.delay for c in dataset.calibration)
@@ -434,7 +437,7 @@ def _measure(dataset: Dataset) -> Lines:
     return Lines(**found, noise_density=density, flags=flags, range=ranges, range_std=stds)
 
 
-def _delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, peer: Calibration) -> np.ndarray:
+def delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, peer: Calibration) -> np.ndarray:
     """Return the path's delay after one station's line, T_off taken as nominal [s]; `frequency` on its clock [Hz]."""
     near, far = (beat_frequency(sweep, delay, own.alpha, peer.alpha) for delay in (_FAR, 2.0 * _FAR))
     falls = sweep.role == Role.SECOND and sweep.mode == Mode.SHORT_DISTANCE  # with the delay

@@ -14,6 +14,7 @@ from drfmcw_sim.effects import Effect
 from .bank import RECIPES
 from .comparison import FEWEST, Comparison
 from .dataset import Dataset, read_dataset
+from .next_measurement import ranked
 from .refined import write_scenario
 from .result import (
     BeforeAfter,
@@ -24,6 +25,7 @@ from .result import (
     FoundEffect,
     Location,
     MisfitMap,
+    NextMeasurement,
     Separability,
     Series,
 )
@@ -51,21 +53,6 @@ _LEVELS = {
     'movement': ('range', 'time'),
 }
 """Level and axis of the interface by kind of number."""
-
-_DECIDING = (
-    ('reads both reference oscillators with a frequency counter (0.01 ppm)',
-     {'reference_clock_offset', 'reference_clock_temperature', 'reference_clock_drift'}),
-    ('reads the ADC clock with a frequency counter', {'sample_clock_offset'}),
-    ('measures a known short baseline, 5 m by tape, between the antennas',
-     {'delay_offset', 'delay_temperature', 'slant_geometry', 'ground_reflection'}),
-    ('checks the reference instrument against a second one at two distances',
-     {'reference_offset', 'reference_scale', 'reference_lag'}),
-    ('repeats the recording at another air temperature with a weather sensor at both ends', {'air_refractivity'}),
-    ('repeats the recording with another T_off', {'echo', 'if_filter', 'sample_clock_offset', 'spur'}),
-    ('measures at the longest range, where what grows with distance stands out',
-     {'amplitude_loss', 'reference_scale', 'air_refractivity'}),
-)  # fmt: skip
-"""Measurements, and the effects that each shows apart from all others."""
 
 
 def diagnose(
@@ -125,6 +112,10 @@ def diagnose_dataset(
         report('rivals', 0.9)
         rivals = search.rivals(found)
         verdict, chosen = ('ambiguous' if rivals else 'explained'), found
+    deciding: tuple[NextMeasurement, ...] = ()
+    if rivals:
+        report('measurements that would decide', 0.93)
+        deciding = ranked(search, found, rivals)
     report('held-out sweeps', 0.95)
     explanation = _explanation(search, chosen) if chosen else None
     refined = None
@@ -140,7 +131,8 @@ def diagnose_dataset(
         locations=_locations(comparison),
         explanation=explanation,
         alternatives=tuple(_explanation(search, r) for r in rivals),
-        next_measurement=_next_measurement(chosen, rivals) if rivals else None,
+        next_measurement=deciding[0].sentence if deciding and deciding[0].decides else None,
+        measurements=deciding,
         fit=_fit(comparison, chosen, data, fitted_rows, held_rows),
         refined_config=refined,
         not_testable=_not_testable(data, search, without),
@@ -170,8 +162,6 @@ def check(data: Dataset) -> tuple[float, float]:
 
 
 def _compared(data: Dataset) -> Comparison:
-    if len(data.stations) != 2 or any(x is None for x in data.samples) or data.iq:
-        raise ConfigurationError(f'{data.path}: a diagnosis needs the real-valued raw IF of two stations')
     return Comparison(data)
 
 
@@ -264,19 +254,8 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     )
 
 
-def _next_measurement(chosen: Fitted, rivals: Sequence[Fitted]) -> str | None:
-    """Return the measurement that tells most of the explanations apart, None where none of the known ones does."""
-    explanations = [{e.candidate.effect for e in f.effects} for f in (chosen, *rivals)]
-    scored = []
-    for text, shows in _DECIDING:
-        told = sum(bool(effects & shows) for effects in explanations)
-        scored.append((min(told, len(explanations) - told), text))
-    best, text = max(scored)
-    return f'A measurement that {text}' if best else None
-
-
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
-    sentences_ = list(data.missing)
+    sentences_ = [*data.missing, *search.comparison.untold]
     unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
@@ -289,10 +268,10 @@ def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tu
 
 
 def _name(comparison: Comparison, kind: str, station: int) -> str | None:
-    """Return the station's name, None where the numbers are the pair's."""
-    if station < 0 or (kind == 'ramp' and station >= 2):
-        return None
-    return comparison.data.stations[station]
+    """Return the station's name, None where the numbers are the path's."""
+    if kind == 'ramp':
+        station = comparison.channels[station].receiver
+    return None if station < 0 else comparison.receivers[station]
 
 
 def _axis(comparison: Comparison, kind: str, station: int) -> tuple[np.ndarray, np.ndarray]:
@@ -364,12 +343,9 @@ _WORDS = {
 
 
 def _row_name(comparison: Comparison, kind: str, station: int) -> str:
-    if kind == 'ramp':
-        if station >= 2:
-            return ('sum', 'difference')[station - 2] + ' of both IF phases over the sweep'
-        return f'IF amplitude over the sweep, {comparison.data.stations[station]}'
     name = _name(comparison, kind, station)
-    return _WORDS[kind] + (f', {name}' if name else '')
+    words = comparison.channels[station].words if kind == 'ramp' else _WORDS[kind]
+    return words + (f', {name}' if name else '')
 
 
 def _rows(comparison: Comparison) -> list[tuple[str, int]]:
@@ -412,7 +388,7 @@ def _series(comparison: Comparison, chosen: Fitted | None) -> tuple[Series, ...]
         worst = int(squares.argmax())
         at = f' at {distance[worst]:.0f} m'
         if kind == 'ramp':
-            scale, unit = (20.0 / math.log(10.0), 'dB') if station < 2 else (1.0, 'rad')
+            scale, unit = (1.0, 'rad') if c.channels[station].of_phase else (20.0 / math.log(10.0), 'dB')
             residual, curve = (
                 scipy.fft.idct(np.where(np.isfinite(c.std.ramp[worst, station]), v, 0.0), norm='ortho') * scale
                 for v in (

@@ -11,6 +11,10 @@ interface's nuisances) and are taken out; what remains is
 - amplitude: received power;
 - range: combined delay, as range beyond the reference;
 - movement: range by the carrier phase within a group.
+
+Of one station alone there is neither sum nor difference: its own amplitude and phase over the sweep, and the range by
+its line. Where it hears a peer, T_off counts as nominal in that range and hides what little the phase would tell of a
+movement; where it hears itself, most of its oscillator's noise cancels with the short delay.
 """
 
 import dataclasses
@@ -22,12 +26,14 @@ from scipy.ndimage import median_filter
 from drfmcw_fusion.combination import Station as Share
 from drfmcw_fusion.combination import combine
 from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.pair import PairEstimator
+from drfmcw_node.pair import PairEstimator, SingleEstimator
 from drfmcw_node.processing import Beat
 from drfmcw_node.spectral import window_samples
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.sweep import SweepSettings
+from drfmcw_physics.sweep import Role, SweepSettings
+
+from .dataset import delay_of_one
 
 BANDS = 8
 """Bands of equal width in which the noise is compared."""
@@ -41,50 +47,80 @@ _MEDIAN = 65  # bins over which the noise around a narrow line is taken
 
 
 @dataclasses.dataclass(frozen=True)
-class SweepFeatures:
-    """Features of n sweep pairs of one setting; S stations, K blocks, B bins."""
+class Channel:
+    """What one of the ramp's series is."""
 
-    ramp: np.ndarray  # (n, 2 S, K): log amplitudes, then phases' sum and difference over sqrt(2) [rad]
+    of_phase: bool  # else log amplitude
+    receiver: int  # number among the stations with samples, -1 for both
+    words: str
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepFeatures:
+    """Features of n sweeps of one setting; S stations with samples, K blocks, B bins, Q parts of a sample (I and Q)."""
+
+    ramp: np.ndarray  # (n, 2 S, K): log amplitudes, then phases [rad], of a pair their sum and difference over sqrt(2)
     time: np.ndarray  # (K,) of the blocks in the first station's sweep [s]
     power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
     line: np.ndarray  # (n, S) frequency of each line [Hz]
-    mean: np.ndarray  # (n, S) of the samples, weighted by a Hann window that keeps the line out [LSB]
-    beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode) [Hz]
+    mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
     range_std: np.ndarray  # (n,) as fusion reports it [m]
-    carrier: np.ndarray  # (n,) sum of both phases [rad]
+    carrier: np.ndarray  # (n,) phase that tells a movement: sum of both, or that of a station that hears itself [rad]
     phase_std: np.ndarray  # (n,) of it, by additive noise and mirror lines [rad]
 
 
 class Extractor:
-    """Turns the samples of both stations, of one setting, into features."""
+    """Turns the samples of one or two stations, of one setting, into features."""
 
-    def __init__(self, sweeps: tuple[SweepSettings, SweepSettings], calibrations: tuple[Calibration, ...]) -> None:
+    def __init__(
+        self, sweeps: tuple[SweepSettings, ...], calibrations: tuple[Calibration, ...], heard: tuple[int, ...], iq: bool
+    ) -> None:
         """Prepare the estimators.
 
         Args:
-            sweeps: settings of the first and the second station.
-            calibrations: of both.
+            sweeps: settings of the first and the second station, or of the one that hears itself.
+            calibrations: of the same.
+            heard: numbers of the stations with samples.
+            iq: quadrature samples.
         """
-        self.sweeps, self.calibrations = sweeps, calibrations
+        self.sweeps, self.calibrations, self.heard, self.iq = sweeps, calibrations, heard, iq
         settings = EstimatorSettings(estimator='pair')
-        self.pair = PairEstimator(*sweeps, settings, False, *calibrations, blocks=_BLOCKS, chirp_known=False)
-        self.sign = sweeps[0].line_sign() * sweeps[1].line_sign()
-        window = self.pair.stations[0].duration
+        own = heard[0]
+        self.sign = sweeps[0].line_sign() * sweeps[-1].line_sign()
+        rate, wave = abs(sweeps[own].chirp_rate), SPEED_OF_LIGHT / sweeps[0].center_frequency
+        if len(heard) == 2:
+            self.estimator = PairEstimator(*sweeps, settings, iq, *calibrations, blocks=_BLOCKS, chirp_known=False)
+            self.way_per_phase = wave / (4.0 * np.pi)
+            self.beat_per_start_delay = 2.0 * rate
+            self.channels = (
+                *(Channel(False, i, 'IF amplitude over the sweep') for i in range(2)),
+                *(Channel(True, -1, f'{which} of both IF phases over the sweep') for which in ('sum', 'difference')),
+            )
+        else:
+            alone = sweeps[own]
+            self.estimator = SingleEstimator(alone, settings, iq, calibrations[own], calibrations[-1 - own], _BLOCKS)
+            self.way_per_phase = alone.line_sign() * wave / (2.0 * np.pi) if alone.hears_itself else 0.0
+            self.beat_per_start_delay = rate if alone.role == Role.FIRST else self.sign * rate
+            self.channels = tuple(
+                Channel(of_phase, 0, f'IF {what} over the sweep')
+                for of_phase, what in ((False, 'amplitude'), (True, 'phase'))
+            )
+        window = self.estimator.stations[0].duration
         self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)  # deviation of mid-window phase per slope
-        self.window_power = tuple(s.meter.window_power for s in self.pair.stations)
-        self.window_sum = tuple(s.window_sum for s in self.pair.stations)
+        self.window_power = tuple(s.meter.window_power for s in self.estimator.stations)
         self._weights = [
-            window_samples('hann', *s.analysis_window(), s.sample_rate, s.sample_count) / total
-            for s, total in zip(sweeps, self.window_sum, strict=True)
+            window_samples('hann', *s.sweep.analysis_window(), s.sweep.sample_rate, s.sweep.sample_count) / s.window_sum
+            for s in self.estimator.stations
         ]
 
-    def __call__(self, samples: tuple[np.ndarray, np.ndarray], full_scale: float, index: np.ndarray) -> SweepFeatures:
+    def __call__(self, samples: tuple[np.ndarray, ...], full_scale: float, index: np.ndarray) -> SweepFeatures:
         """Return the features of sweeps.
 
         Args:
-            samples: of each station (n, N), int16, or float before the ADC.
+            samples: of each station with samples (n, N) or (n, 2 N), int16, or float before the ADC.
             full_scale: ADC code of full scale [LSB].
             index: refractive index of the air (n,).
         """
@@ -107,38 +143,73 @@ class Extractor:
             phase_std=phase_std,
         )
 
-    def _chunk(self, samples: tuple[np.ndarray, np.ndarray], full_scale: float) -> tuple[np.ndarray, ...]:
+    def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what additive noise alone makes of one sweep: variances of ramp (2 S,) and mean (S, Q).
+
+        Args:
+            sweeps: features of a group, of one station.
+            noise: variance per sample (S,) [LSB^2].
+        """
+        parts = 2.0 if self.iq else 1.0
+        line = 10.0 ** (sweeps.amplitude.mean(axis=0) / 10.0) * (1.0 if self.iq else 0.25)
+        ramp = noise / (2.0 * self.estimator.block * line)
+        mean = noise / parts * np.array([w @ w for w in self._weights])
+        return np.tile(ramp, 2), np.repeat(mean[:, None], int(parts), axis=1)
+
+    def _chunk(self, samples: tuple[np.ndarray, ...], full_scale: float) -> tuple[np.ndarray, ...]:
         """Return the feature arrays of a chunk; delays instead of ranges."""
         n = len(samples[0])
-        estimates, base = self.pair.with_basebands(samples, full_scale)
+        estimates, base = self.estimator.with_basebands(samples, full_scale)
         self.time = base.time[0]
         logs, phases, levels = [], [], []
+        per_baseband = 1.0 if self.iq else 2.0  # a real line has its other half at negative frequency
         for lines, time in zip(base.lines, base.time, strict=True):
             log = np.log(np.maximum(np.abs(lines), 1e-9))
             t = time - time.mean()
             phase = np.unwrap(np.angle(lines), axis=1)
             phase -= phase.mean(axis=1)[:, None]
             phase -= ((phase @ t) / (t @ t))[:, None] * t
-            levels.append(20.0 / np.log(10.0) * log.mean(axis=1) + 20.0 * np.log10(2.0))
+            levels.append(20.0 / np.log(10.0) * log.mean(axis=1) + 20.0 * np.log10(per_baseband))
             logs.append(log - log.mean(axis=1)[:, None])
             phases.append(phase)
-        one, two = phases[0], self.sign * phases[1]
-        ramp = np.stack([*logs, (one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)], axis=1)
-        first, second = estimates
-        beat = first.frequency + self.sign * second.frequency
-        paths = [self._path(estimates, row) for row in range(n)]
-        independent = np.hypot(first.independent_std, second.independent_std)
-        return (
-            ramp,
+        parts = 2 if self.iq else 1
+        common = (
             np.stack(base.power, axis=1),
             np.stack([e.frequency for e in estimates], axis=1),
-            np.stack([x @ w for x, w in zip(samples, self._weights, strict=True)], axis=1),
-            beat,
+            np.stack(
+                [
+                    np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
+                    for x, w in zip(samples, self._weights, strict=True)
+                ],
+                axis=1,
+            ),
+        )
+        if len(self.heard) == 1:
+            (only,) = estimates
+            own, station = self.heard[0], self.sweeps[self.heard[0]]
+            delay = delay_of_one(station, only.frequency, self.calibrations[own], self.calibrations[-1 - own])
+            return (
+                np.stack([*logs, *phases], axis=1),
+                *common,
+                only.frequency,
+                np.stack(levels, axis=1),
+                delay,
+                only.frequency_std / abs(station.chirp_rate),
+                only.phase,
+                only.independent_std * self.phase_per_frequency,
+            )
+        one, two = phases[0], self.sign * phases[1]
+        first, second = estimates
+        paths = [self._path(estimates, row) for row in range(n)]
+        return (
+            np.stack([*logs, (one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)], axis=1),
+            *common,
+            first.frequency + self.sign * second.frequency,
             np.stack(levels, axis=1),
             np.array([p.delay for p in paths]),
             np.array([p.std for p in paths]),
             np.array([p.carrier_phase for p in paths]),
-            independent * self.phase_per_frequency,
+            np.hypot(first.independent_std, second.independent_std) * self.phase_per_frequency,
         )
 
     def _path(self, estimates, row: int):

@@ -49,7 +49,7 @@ def places(comparison: Comparison, residual: np.ndarray, effect: str, station: i
         return _ripples(comparison, residual)
     if effect == 'sway':
         return _sways(comparison, residual)
-    return _spurs(comparison, residual, station)
+    return () if station < 0 else _spurs(comparison, residual, station)
 
 
 def _peaks(score: np.ndarray, count: int = _PEAKS, apart: int = _FINE // 2) -> list[int]:

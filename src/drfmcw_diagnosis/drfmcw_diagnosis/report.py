@@ -13,7 +13,7 @@ import yaml
 from markupsafe import Markup, escape
 
 from . import plots, wording
-from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
+from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
 PANELS = 6
 """Series shown at most at once, those with the largest excess misfit; the others are folded away."""
@@ -24,8 +24,7 @@ MOST = 30
 LEAST = 2
 """Series shown at once even where there is nothing in them but noise."""
 
-SEPARABLE = 4.0
-"""Distance below which two explanations are one answer [standard deviations]."""
+_FULL_BAR = 5.0 * SEPARABLE  # separation from which on a measurement's bar is full
 
 _ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader('drfmcw_diagnosis', 'templates'),
@@ -67,6 +66,17 @@ class Ranked:
 
 
 @dataclasses.dataclass(frozen=True)
+class Deciding:
+    """One hypothetical measurement in the list of those that may decide."""
+
+    sentence: str
+    separation: str
+    width: float  # of its bar [%]
+    ruled_out: str
+    decides: bool
+
+
+@dataclasses.dataclass(frozen=True)
 class Cell:
     """One distance of the separability matrix."""
 
@@ -101,6 +111,8 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         left_out=max(0, len(others) - MOST),
         ranges=ranges and _panel(ranges, diagnosis),
         ranking=_ranking(diagnosis),
+        deciding=_deciding(diagnosis),
+        threshold=100.0 * SEPARABLE / _FULL_BAR,
         separability=diagnosis.separability and _cells(diagnosis.separability),
         separable=SEPARABLE,
         held_out=_uri(plots.held_out(diagnosis.fit)) if explained else None,
@@ -206,6 +218,20 @@ def _ranking(diagnosis: Diagnosis) -> list[Ranked]:
             r is diagnosis.explanation,
         )
         for r in rows
+    ]
+
+
+def _deciding(diagnosis: Diagnosis) -> list[Deciding]:
+    return [
+        Deciding(
+            m.sentence,
+            wording.plain(m.separation, 2),
+            100.0 * min(m.separation / _FULL_BAR, 1.0),
+            wording.capital(wording.ruled_out(m, diagnosis)),
+            m.decides > 0,
+        )
+        for m in diagnosis.measurements
+        if m.separation >= wording.TELLING
     ]
 
 

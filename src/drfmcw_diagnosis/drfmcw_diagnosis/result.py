@@ -9,6 +9,9 @@ import numpy as np
 LEVELS = ('if_samples', 'if_spectrum', 'beat_frequency', 'amplitude', 'noise', 'range')
 """Levels at which data and model are compared."""
 
+SEPARABLE = 4.0
+"""Distance below which two explanations are one answer [standard deviations]."""
+
 VERDICTS = ('consistent', 'explained', 'ambiguous', 'unexplained')
 """What can come out."""
 
@@ -106,6 +109,24 @@ class Separability:
 
 
 @dataclasses.dataclass(frozen=True)
+class NextMeasurement:
+    """A hypothetical measurement, and by how much it would part the explanation from its rivals."""
+
+    sentence: str  # what to do
+    separations: tuple[float, ...]  # from each of the alternatives, beyond what the recording brings [std]
+
+    @property
+    def decides(self) -> int:
+        """Number of rivals that it would rule out."""
+        return sum(s >= SEPARABLE for s in self.separations)
+
+    @property
+    def separation(self) -> float:
+        """Smallest of the separations that rule a rival out; the largest where none does."""
+        return min((s for s in self.separations if s >= SEPARABLE), default=max(self.separations, default=0.0))
+
+
+@dataclasses.dataclass(frozen=True)
 class Diagnosis:
     """Everything a diagnosis found."""
 
@@ -127,6 +148,7 @@ class Diagnosis:
     sweeps_fitted: int | None = None
     sweeps_held_out: int | None = None
     command: str = ''  # that gave this diagnosis
+    measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
     places: int | None = None  # of the bank that were tried: what chance is counted over
 
     def as_object(self) -> dict[str, Any]:
@@ -152,6 +174,15 @@ class Diagnosis:
                 for a in self.alternatives
             ],
             'next_measurement': self.next_measurement,
+            'measurements': [
+                {
+                    'measurement': m.sentence,
+                    'separation': _known(m.separation),
+                    'decides': m.decides,
+                    'separations': list(map(_known, m.separations)),
+                }
+                for m in self.measurements
+            ],
             'fit': {
                 field.name: None
                 if (value := getattr(self.fit, field.name)) is None

@@ -258,13 +258,13 @@ class Search(Fitting):
     def _scanned(self, residual: np.ndarray) -> list[Candidate]:
         """Return the places at which the remainder itself says that effects of sharp shape should begin."""
         found = []
-        stations = self.comparison.data.stations
+        stations, receivers = self.comparison.data.stations, self.comparison.receivers
         for effect, recipes in RECIPES.items():
             for recipe in recipes:
                 if not recipe.scanned:
                     continue
                 for station in at_stations(effect, recipe, stations):
-                    number = stations.index(station) if station else -1
+                    number = receivers.index(station) if station in receivers else -1
                     for value in places(self.comparison, residual, effect, number):
                         found.append(Candidate(effect, station, recipe, dict(recipe.start) | {recipe.scanned: value}))
         return found

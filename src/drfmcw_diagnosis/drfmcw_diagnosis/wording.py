@@ -10,7 +10,7 @@ import numpy as np
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
-from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Location
+from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
 
 AXES = {
     'ramp_time': ('time in the sweep', 's'),
@@ -31,6 +31,9 @@ LEVEL_WORDS = {
     'range': 'range',
 }
 
+TELLING = 0.5
+"""Separation below which a measurement tells nothing [standard deviations]."""
+
 _UNITS = {'1': '', '1e-6': '·10⁻⁶', 'm^2': 'm²', 'degC': '°C'}
 _PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the first that fits is taken
     'Hz': ((1e9, 1e-9, 'GHz'), (1e6, 1e-6, 'MHz'), (1e4, 1e-3, 'kHz'), (1.0, 1.0, 'Hz'), (0.0, 1e3, 'mHz')),
@@ -39,6 +42,7 @@ _PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the fir
 }
 _ACRONYMS = {'pll', 'tx', 'if'}
 _LISTED = 4  # rivals and locations that the sentences name; the tables hold all
+_FURTHER = 2  # measurements that they name after the best
 
 
 def scaled(magnitude: float, unit: str) -> tuple[float, str]:
@@ -396,14 +400,15 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
         ]
     shown = diagnosis.alternatives[:_LISTED]
     said = [
-        f'It could also be {_rival(rival)}; the first one is {odds(best - rival.log_evidence_gain)} probable.'
+        f'It could also be {with_sizes(rival)}; the first one is {odds(best - rival.log_evidence_gain)} probable.'
         for rival in shown
     ]
     more = len(diagnosis.alternatives) - len(shown)
     return [*said, f'{_count(more, "further explanation")} also possible.'] if more else said
 
 
-def _rival(explanation: Explanation) -> str:
+def with_sizes(explanation: Explanation) -> str:
+    """Return the titles of an explanation's effects with their parameters."""
     return ' with '.join(
         f'{effect_title(e)} ({", ".join(f"{p.name} {p.size}" for p in effect_words(e).parameters)})'
         for e in explanation.effects
@@ -411,7 +416,36 @@ def _rival(explanation: Explanation) -> str:
 
 
 def _next(diagnosis: Diagnosis) -> list[str]:
-    return [f'What would decide: {_closed(diagnosis.next_measurement)}'] if diagnosis.next_measurement else []
+    said = [f'What would decide: {_closed(diagnosis.next_measurement)}'] if diagnosis.next_measurement else []
+    if not diagnosis.measurements:
+        return said
+    best, *others = diagnosis.measurements
+    tried = f'{_count(len(diagnosis.measurements), "measurement")} simulated under every explanation'
+    if not best.decides:
+        if best.separation < TELLING:
+            return [*said, f'Of {tried}, none would tell them apart.']
+        return [
+            *said,
+            f'Of {tried}, none would decide: the best brings {plain(best.separation, 2)} standard deviations where '
+            f'{SEPARABLE:g} are needed. It is: {_closed(best.sentence)}',
+        ]
+    said.append(
+        f'Of {tried}, this one parts them best: it would rule out {ruled_out(best, diagnosis)}, by '
+        f'{plain(best.separation, 2)} standard deviations at least, if the first explanation is right.'
+    )
+    good = [
+        f'{m.sentence.rstrip(".")} ({plain(m.separation, 2)}: {ruled_out(m, diagnosis)})' for m in others if m.decides
+    ]
+    return [*said, f'Next best: {"; ".join(good[:_FURTHER])}.'] if good else said
+
+
+def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
+    """Return which rivals a measurement would rule out, in words."""
+    rivals = diagnosis.alternatives
+    if measurement.decides == len(rivals):
+        return 'the rival' if len(rivals) == 1 else f'all {len(rivals)} rivals'
+    told = zip(rivals, measurement.separations, strict=True)
+    return ', '.join(explanation_title(r) for r, s in told if s >= SEPARABLE) or 'none'
 
 
 def _count(n: int, noun: str) -> str:
