@@ -174,6 +174,7 @@ class Comparison:
         range_limit = 0.0
         if len(self.heard) < len(self.data.stations):  # T_off stands in the range of one line alone
             range_limit = _BEAT_LIMIT / (2.0 * abs(self.data.sweeps[0][0].chirp_rate)) * SPEED_OF_LIGHT
+        harmonic_std = self._harmonic_scatter()
         movement_told = any(part.extract.way_per_phase for part in self.parts)
         noise_told = self._noise_told()
         values: list[Groups] = []
@@ -196,6 +197,7 @@ class Comparison:
                     ramp.mean(axis=0),
                     power / around,
                     sweeps.mean.mean(axis=0),
+                    sweeps.harmonic.mean(axis=0),
                     noise,
                     sweeps.beat.mean(),
                     sweeps.amplitude.mean(axis=0),
@@ -209,6 +211,7 @@ class Comparison:
                     ramp_std,
                     around,
                     np.maximum(np.sqrt(mean_variance), 0.01) / root,
+                    harmonic_std[g] / root,
                     noise_std,
                     np.hypot(beat_std[g] / root, _BEAT_LIMIT),
                     np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
@@ -241,6 +244,14 @@ class Comparison:
         shared = _AMPLITUDE_SHARED if len(self.heard) == 2 else 1.0
         amplitude_std = np.where(self._power_told(), shared * pooled([s.amplitude for s in self.sweeps]), np.inf)
         return range_std, beat_std, amplitude_std
+
+    def _harmonic_scatter(self) -> np.ndarray:
+        """Return by what harmonics scatter from sweep to sweep (G, S, 2 H), alike in both parts of each."""
+        if not self.scatters:
+            return np.full((len(self.members), *self.sweeps[0].harmonic.shape[1:]), np.inf)
+        variance = np.array([s.harmonic.var(axis=0, ddof=1) for s in self.sweeps])
+        both = variance.reshape(*variance.shape[:2], 2, -1).mean(axis=2)
+        return np.sqrt(np.nan_to_num(np.tile(both, 2), nan=np.inf))
 
     def _variances(self, sweeps: SweepFeatures, ramp: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return variances of one sweep of a group: of the ramp's terms but the free ones, and of the means (S, Q).
@@ -327,11 +338,13 @@ class Comparison:
                     noise = self.plain.noise[g] + changed[row]
                     # where harmonics raise the median around, the noise itself is what they add to
                     raised = self.std.lines[g] > _RAISED * floor
+                    raised[~np.any(added > floor, axis=1)] = False
                     around[raised] = (floor / self.std.lines[g])[raised]
                 found[g] = Groups(
                     ramp_spectrum(features.ramp[row]),
                     around + added / self.std.lines[g],
                     features.mean[row],
+                    features.harmonic[row],
                     noise,
                     features.beat[row],
                     features.amplitude[row],
@@ -357,7 +370,8 @@ class Comparison:
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
         if distorting:
-            features = dataclasses.replace(features, power=self._distorted(part, effects, False).power)
+            jittered = self._distorted(part, effects, False)
+            features = dataclasses.replace(features, power=jittered.power, harmonic=jittered.harmonic)
         return features
 
     def _align(self, part: _Part, rows: Measurements, copies: int) -> np.ndarray:
@@ -410,6 +424,9 @@ class Comparison:
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
+        amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
+        for number, heard in enumerate(self.heard):
+            rows.stations[heard].received_power += amplitudes[..., number].ravel()
         self._align(part, rows, copies)
         return self._mean_features(part, rows, effects, copies, noise)
 
@@ -422,6 +439,11 @@ class Comparison:
                 [self._bands(p, line, _DISTORTED)[0] for p, line in zip(features.power, features.line, strict=True)]
             )
         return np.nan_to_num(np.array(levels[0]) - np.array(levels[1]))
+
+    def _amplitudes(self, group: int, count: int) -> np.ndarray:
+        """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""
+        amplitude = self.sweeps[group].amplitude
+        return amplitude[np.linspace(0, len(amplitude) - 1, count).astype(int)] - amplitude.mean(axis=0)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
@@ -527,6 +549,7 @@ class Comparison:
         lines = gaussian(values.lines[g], count) - gaussian(np.ones(1), count)
         yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
         yield 'mean', over('mean')
+        yield 'harmonic', np.nan_to_num(over('harmonic'))
         yield 'noise', np.nan_to_num(over('noise'))
         yield 'beat', np.reshape(over('beat'), (1, 1))
         yield 'amplitude', over('amplitude')[:, None]

@@ -45,6 +45,7 @@ _LEVELS = {
     'ramp': ('if_samples', 'ramp_time'),
     'lines': ('if_spectrum', 'if_frequency'),
     'mean': ('if_spectrum', 'if_frequency'),
+    'harmonic': ('if_spectrum', 'range'),
     'noise': ('noise', 'if_frequency'),
     'beat': ('beat_frequency', 'range'),
     'amplitude': ('amplitude', 'range'),
@@ -333,6 +334,7 @@ def _locations(comparison: Comparison) -> tuple[Location, ...]:
 _WORDS = {
     'lines': 'narrow lines in the IF spectrum',
     'mean': 'mean of the samples',
+    'harmonic': 'harmonics of the line',
     'noise': 'noise',
     'beat': 'common part of both beat frequencies',
     'amplitude': 'received power',

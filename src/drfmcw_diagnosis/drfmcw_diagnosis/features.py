@@ -6,6 +6,7 @@ interface's nuisances) and are taken out; what remains is
 - ramp: log amplitude of both lines, and sum and difference of both phases, over the time in the sweep. The oscillators'
   noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
+- harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
 - noise: power of the spectrum in bands, lines left out;
 - beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
 - amplitude: received power;
@@ -38,6 +39,10 @@ from .dataset import delay_of_one
 BANDS = 8
 """Bands of equal width in which the noise is compared."""
 
+HARMONICS = (2, 3, 5)
+"""Multiples of the line's phase at which distortion shows."""
+
+_CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
 _BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
 LINE = 64
 """Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
@@ -64,6 +69,7 @@ class SweepFeatures:
     power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
     line: np.ndarray  # (n, S) frequency of each line [Hz]
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
     beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
@@ -126,7 +132,7 @@ class Extractor:
         """
         parts = [self._chunk(tuple(x[i : i + 64] for x in samples), full_scale) for i in range(0, len(samples[0]), 64)]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std = found
+        ramp, power, line, mean, harmonic, beat, amplitude, delay, std, carrier, phase_std = found
         hardware = sum(c.delay for c in self.calibrations)
         velocity = SPEED_OF_LIGHT / index
         return SweepFeatures(
@@ -135,6 +141,7 @@ class Extractor:
             power=power,
             line=line,
             mean=mean,
+            harmonic=harmonic,
             beat=beat,
             amplitude=amplitude,
             range=(delay - hardware) * velocity,
@@ -183,6 +190,13 @@ class Extractor:
                 ],
                 axis=1,
             ),
+            np.stack(
+                [
+                    self._harmonics(x, e.frequency, w, s.sweep)
+                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                ],
+                axis=1,
+            ),
         )
         if len(self.heard) == 1:
             (only,) = estimates
@@ -212,6 +226,32 @@ class Extractor:
             np.hypot(first.independent_std, second.independent_std) * self.phase_per_frequency,
         )
 
+    def _harmonics(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return the harmonics of one station's line over the line (n, 2 H), at the line's own phase.
+
+        Multiples of the line's phase fold back at 0 Hz and at the Nyquist frequency by themselves; NaN where one falls
+        on the line, its mirror or 0 Hz.
+        """
+        rate, step = sweep.sample_rate, np.arange(len(weights))
+        turns = frequency[:, None] / rate * step
+        turn = np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
+        weighted = _complex(samples, self.iq) * weights.astype(np.float32)
+        line = np.einsum('ij,ij->i', weighted, turn)
+        found = []
+        power, reached = turn, 1
+        for order in HARMONICS:
+            while reached < order:
+                power, reached = power * turn, reached + 1
+            value = np.einsum('ij,ij->i', weighted, power) * np.exp(-1j * order * np.angle(line)) / np.abs(line)
+            # in cycles per sample, between -1/2 and 1/2
+            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (order * frequency / rate, frequency / rate))
+            apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
+            found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
+        stacked = np.stack(found, axis=1)
+        return np.concatenate([stacked.real, stacked.imag], axis=1)
+
     def _path(self, estimates, row: int):
         """Return the combined delay of one sweep pair."""
         shares = []
@@ -220,6 +260,13 @@ class Extractor:
             beat = Beat(sweep.station, sweep.peer, row, 0, *map(float, values), 0, '', e.independent_std[row], e.window)
             shares.append(Share(beat, sweep, calibration))
         return combine(*shares)
+
+
+def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
+    """Return samples as complex numbers where they are I/Q pairs (n, N), else as they are."""
+    if not iq:
+        return samples.astype(np.float32)
+    return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
 
 
 def local_noise(power: np.ndarray) -> np.ndarray:
