@@ -84,6 +84,11 @@ class Fitted:
         return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
 
     @property
+    def certain(self) -> bool:
+        """False where one of the effects may as well be absent or another one."""
+        return all(e.certain for e in self.effects)
+
+    @property
     def keys(self) -> tuple[tuple[str, str], ...]:
         """What the effects are, apart from their sizes, in order."""
         return tuple(sorted(e.key for e in self.effects))
@@ -435,7 +440,7 @@ class Search(Fitting):
                     continue
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
                 other = self.fit([*base, (candidate, values)])
-                if other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE:
+                if other.certain and other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE:
                     known = found.get(other.keys)
                     if known is None or other.misfit < known.misfit:
                         found[other.keys] = other
@@ -480,9 +485,9 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
             current = current.with_told(told)
         ranked = search.best_addition(current)
         rounds.append(ranked)
-        if not ranked:
+        best = next((f for f in ranked if f.certain), None)
+        if best is None:
             break
-        best = ranked[0]
         before = current.misfit if current else search.misfit(0.0)
         freedom = sum(len(e.candidate.free) for e in best.effects)
         freedom -= sum(len(e.candidate.free) for e in current.effects) if current else 0
@@ -490,7 +495,7 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
-        if chance > false_alarm_rate or best.evidence <= needed + 1.0 or not all(e.certain for e in best.effects):
+        if chance > false_alarm_rate or best.evidence <= needed + 1.0:
             break
         current = search.settled(best)
     return current, significance, rounds
