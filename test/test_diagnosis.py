@@ -11,7 +11,7 @@ from drfmcw_diagnosis.comparison import Comparison
 from drfmcw_diagnosis.dataset import read_dataset
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
-from drfmcw_diagnosis.proof.cases import Extent, random_condition
+from drfmcw_diagnosis.proof.draws import Extent, random_condition
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import nominal
 from drfmcw_diagnosis.proof.recordings import write_recording

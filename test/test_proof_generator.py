@@ -15,7 +15,7 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from drfmcw_diagnosis import proof
-from drfmcw_diagnosis.proof import cases, effects, generator, recordings, sizes
+from drfmcw_diagnosis.proof import cases, draws, effects, generator, recordings, sizes
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import FIRST, SECOND, Condition, StationCondition, clean, nominal
 from drfmcw_physics.air import refractive_index
@@ -235,7 +235,7 @@ def test_every_effect_changes_its_own_station_or_all(effect):
     c = condition(board=(36.0, 29.0))
     c = dataclasses.replace(c, board_temperature=((30.0, 34.0, 38.0), (31.0, 29.0, 37.0)), full_scale_power=-40.0)
     random = np.random.default_rng(5)
-    applied = cases.template(random, effect, c)
+    applied = draws.template(random, effect, c)
     assert conceal(nominal(c), applied)  # of any size
     last = dataclasses.replace(applied[-1], station='slave' if effects.KINDS[effect].of == 'station' else None)
     if effect == 'phase_noise':
@@ -533,8 +533,8 @@ def test_noise_is_whitened_to_unit_variance(distance):
 @pytest.mark.parametrize('effect', ['echo', 'reference_clock_drift', 'phase_noise', 'clipping', 'slant_geometry'])
 def test_effects_are_scaled_to_the_wanted_size(effect):
     random = np.random.default_rng(8)
-    c = cases.random_condition(random, cases.Extent(5, 8), full_scale_power=-35.0)
-    (template,) = cases.template(random, effect, c)
+    c = draws.random_condition(random, draws.Extent(5, 8), full_scale_power=-35.0)
+    (template,) = draws.template(random, effect, c)
     applied, size = sizes.scaled(c, template, 12.0)
     assert size.total == pytest.approx(12.0, rel=0.03)
     assert sizes.matched_size(c, [applied]) == size
@@ -564,12 +564,17 @@ def test_a_seal_tells_tampering(tmp_path):
 def test_quick_list_covers_every_group_and_follows_from_its_seed():
     quick = cases.plans('quick', 3)
     assert 10 <= len(quick) <= 14
-    assert {p.group for p in quick} >= {'null', 'single', 'pair', 'outside', 'ambiguous'}
+    assert {p.group for p in quick} == {'null', 'single', 'pair', 'outside', 'ambiguous', 'left_out'}
     assert quick == cases.plans('quick', 3)
     assert quick != cases.plans('quick', 4)
-    full = cases.plans('full', 3, cases.Counts(2, (5.0,), 1, 2, (10.0,), 1, 1))
+    few = cases.Counts(
+        nulls=5, sizes=(5.0,), repeats=1, strong_sizes=(60.0,), strong_repeats=1, pairs=2, outside_sizes=(10.0,),
+        decoys=1, ambiguous=1, left_out_sizes=(20.0,), left_out_repeats=1,
+    )  # fmt: skip
+    full = cases.plans('full', 3, few)
     assert {p.group for p in full} == set(cases.GROUPS)
-    assert {p.kind for p in full if p.group == 'single'} == set(effects.REGISTERED)
+    for group in ('single', 'strong', 'left_out'):
+        assert {p.kind for p in full if p.group == group} == set(effects.REGISTERED)
     assert {p.kind for p in full if p.group == 'outside'} == set(effects.OUTSIDE)
     assert len({p.name for p in full}) == len(full)
     with pytest.raises(ValueError, match='medium'):
@@ -578,13 +583,18 @@ def test_quick_list_covers_every_group_and_follows_from_its_seed():
 
 def test_ambiguous_cases_change_the_data_as_their_rivals_do():
     for number, kind in enumerate(cases.AMBIGUOUS):
-        plan = cases._ambiguous('x', np.random.default_rng(number), kind, 14.0, cases.Extent(6, 4))
+        plan = cases._ambiguous('x', np.random.default_rng(number), kind, 14.0, draws.Extent(6, 4))
         case = cases.realise(plan)
         assert plan.rivals and plan.verdicts == ('ambiguous',)
-        measured = cases.decided(case)
-        assert (measured is None) == (kind in cases._TWINS or kind == 'reference_clock_offset')
-        if measured is not None:
-            assert cases.realise(measured).effects == case.effects
+        measured = cases.decided('y', plan)
+        after = cases.realise(measured)
+        assert after.effects == (() if measured.gone else case.effects)
+        assert measured.verdicts == ('consistent',) if measured.gone else 'explained' in measured.verdicts
+        assert after.truth()['follows'] == 'x'
+        # what is searched without is no part of the truth, and all of its exact rivals
+        assert not {e.effect for e in after.effects} & set(measured.without)
+        if measured.without and not measured.gone:
+            assert {effect for rival in plan.rivals for effect, _ in rival} <= set(measured.without)
         # the rival of opposite effect undoes the truth: what is left is small beside it
         if kind in ('delay_offset', 'reference_offset', 'delay by either board'):
             effect, station = plan.rivals[0][0]
@@ -594,6 +604,32 @@ def test_ambiguous_cases_change_the_data_as_their_rivals_do():
             undoing = Applied(effect, station, {effects.KINDS[effect].size.parameter: undone[name]})
             left = sizes.matched_size(plan.condition, [*case.effects, undoing])
             assert left.total < 0.1
+
+
+def test_an_effect_left_out_is_told_to_the_tool_and_only_twins_may_take_its_place():
+    for number, effect in enumerate(effects.REGISTERED):
+        plan = cases._left_out('x', np.random.default_rng(number), effect, 20.0, draws.Extent(4, 4))
+        assert plan.without == (effect,) and plan.wanted[-1].template.effect == effect
+        assert all(other != effect for rival in plan.rivals for other, _ in rival)
+        assert ('explained' in plan.verdicts) == bool(plan.rivals) and 'unexplained' in plan.verdicts
+    c = draws.random_condition(np.random.default_rng(5), draws.Extent(5, 8))
+    truth = [Applied('reference_clock_offset', 'master', {'deviation': 0.1})]
+    slow = [Applied('reference_clock_drift', 'master', {'warmup': 0.1, 'time_constant': 1e6})]
+    assert sizes.separation(c, slow, truth) < 0.1 < sizes.separation(c, [], truth)
+
+
+def test_separation_is_a_distance():
+    """Zero to itself, alike both ways; d to nothing. Small effects, so that noise and lines hardly move."""
+    c = condition((60.0, 300.0), 8)
+    ripple = Applied('sweep_ripple', 'master', {'deviation': 60.0, 'rate': 9e3, 'phase': 1.0})
+    other = Applied('sweep_ripple', 'master', {'deviation': 66.0, 'rate': 9e3, 'phase': 1.0})
+    burst = Applied('interference_burst', 'slave', {'probability': 0.2, 'level': -62.0, 'duration': 1e-4})
+    size = sizes.matched_size(c, [ripple]).total
+    assert sizes.separation(c, [ripple, burst], [burst, ripple]) < 1e-6 * size
+    assert sizes.separation(c, [], [ripple]) == pytest.approx(size, rel=1e-6)
+    assert sizes.separation(c, [other], [ripple]) == pytest.approx(0.1 * size, rel=0.02)
+    assert sizes.separation(c, [ripple], [other]) == pytest.approx(0.1 * size, rel=0.02)
+    assert sizes.separation(c, [burst], []) == pytest.approx(sizes.separation(c, [], [burst]), rel=1e-6)
 
 
 def test_a_case_is_sealed_before_it_is_recorded_and_has_the_same_bytes_again(tmp_path):

@@ -82,12 +82,11 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
                {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}, defining=('damping',)),
     ),
     'phase_noise': (
-        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-3.0, 1.0, 3.0, 6.0), 'corner': (0.5, 1.0, 2.0)},
+        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-2.0, 2.0), 'corner': (0.5, 1.0, 2.0)},
                stations='each and both', steps={'level': 0.1, 'corner': 2e3}),
     ),
     'noise_floor': (
-        Recipe('', {}, {'excess': 10.0}, {'excess': (-3.0, -0.2, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0)},
-               stations='each and both',
+        Recipe('', {}, {'excess': 10.0}, {'excess': (-1.0, 1.0, 6.0)}, stations='each and both',
                steps={'excess': 0.05}),
     ),
     'amplitude_loss': (
@@ -104,10 +103,10 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
     'clipping': (
-        Recipe('', {}, {'level': 20.0}, {'level': tuple(np.arange(-56.0, -2.0, 3.0).tolist())}, steps={'level': 0.1}),
+        Recipe('', {}, {'level': 20.0}, scanned='level', steps={'level': 0.1}),
     ),
     'compression': (
-        Recipe('', {}, {'third_order': 0.3}, {'third_order': (-0.3, -0.1, 0.1, 0.3)}, steps={'third_order': 0.005}),
+        Recipe('', {}, {'third_order': 0.3}, scanned='third_order', steps={'third_order': 0.005}),
     ),
     'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
     'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),
@@ -158,7 +157,10 @@ class Candidate:
 
 
 def candidates(
-    stations: tuple[str, ...], calibrated: Mapping[str, Mapping[str, float]], groups: int
+    stations: tuple[str, ...],
+    calibrated: Mapping[str, Mapping[str, float]],
+    groups: int,
+    without: Collection[str] = (),
 ) -> Iterator[Candidate]:
     """Yield the places of the bank that do not depend on the recording.
 
@@ -166,10 +168,11 @@ def candidates(
         stations: names.
         calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
         groups: in which sizes may differ.
+        without: effects that are left out.
     """
     for effect, recipes in RECIPES.items():
         for recipe in recipes:
-            if recipe.scanned or (recipe.per_group and groups < 2):
+            if effect in without or recipe.scanned or (recipe.per_group and groups < 2):
                 continue
             for station in at_stations(effect, recipe, stations):
                 for values in itertools.product(*recipe.grid.values()):

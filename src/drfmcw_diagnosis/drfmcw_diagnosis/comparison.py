@@ -28,10 +28,8 @@ from .features import (
     near_line,
     ramp_spectrum,
 )
-from .groups import Entries, Groups, band_edges, joined, pooled, steady
-
-FEWEST = 3
-"""Sweeps of a group that tell their scatter; smaller groups are left out."""
+from .groups import Entries, Groups, Part, align, band_edges, joined, pooled, steady
+from .known import BEAT_LIMIT, FEWEST, Known
 
 _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take out of the ramp
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
@@ -40,26 +38,13 @@ _SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
 _AMPLITUDE_LIMIT = 0.02  # what the link budget is trusted to [dB]
 _AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
-_BEAT_LIMIT = 10.0  # what T_off is trusted to on average, in beat frequency [Hz]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _DISTORTED = 12  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
-_COHERENT = 0.5  # mean of the phasors of a group's sweeps beyond which their phases count as one
 _OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
 _KIND = 'U9'  # the longest name
-
-
-@dataclasses.dataclass(frozen=True)
-class _Part:
-    """The groups of one setting of the sweep."""
-
-    groups: np.ndarray  # their places among all
-    local: list[np.ndarray]  # rows of `all` of each
-    all: Measurements  # nominal, one per sweep
-    steady: Measurements  # nominal, one per group under its mean conditions
-    extract: Extractor
 
 
 class Comparison:
@@ -88,6 +73,7 @@ class Comparison:
             if len(data.stations) == 2:
                 raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
             self.members = members
+        self.known = Known(data, self.heard, self.members, self.scatters)
         self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
         self.sweeps: list[SweepFeatures] = [None] * len(self.members)
         for part in self.parts:
@@ -110,7 +96,7 @@ class Comparison:
         self.entries = self._layout()
         self.residual = self._vector(self.measured)
 
-    def _part(self, setting: int) -> _Part:
+    def _part(self, setting: int) -> Part:
         """Return the groups of one setting and their nominal conditions."""
         data = self.data
         groups = np.array([g for g, m in enumerate(self.members) if data.setting[m[0]] == setting])
@@ -119,51 +105,7 @@ class Comparison:
         local = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
         nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
         extract = Extractor(data.sweeps[setting], data.calibration, self.heard, data.iq)
-        return _Part(groups, local, nominal, steady(nominal, local), extract)
-
-    @property
-    def untold(self) -> tuple[str, ...]:
-        """What these samples cannot tell, in sentences."""
-        said = []
-        if len(self.heard) < len(self.data.stations):
-            said.append(
-                f"'{self.receivers[0]}' alone tells no movement by its phase, and of the oscillators' noise nothing "
-                'cancels: small effects on the chirps hide in it'
-            )
-        if self.data.iq:
-            said.append('negative frequencies of the I/Q samples are not compared')
-        if not self._noise_told().all():
-            said.append('the noise is not compared: a calibration does not tell it')
-        if not self._power_told().all():
-            said.append('the received power is not compared where nothing tells what it should be')
-        if not self.scatters:
-            said.append(
-                f'fewer than {FEWEST} sweeps under the same conditions: they count as disturbed by white noise alone, '
-                'whatever else changes from sweep to sweep passes for a mismatch'
-            )
-        return tuple(said)
-
-    def _range_told(self) -> np.ndarray:
-        """Return in which groups the reference tells the distance (G,)."""
-        return np.array([np.isfinite(self.data.reference[m]).all() for m in self.members])
-
-    def _power_told(self) -> np.ndarray:
-        """Return where the link budget tells the received power (G, S)."""
-        data = self.data
-        told = [
-            [np.isfinite(data.sweeps[data.setting[m[0]]][-1 - i].tx_eirp
-                         + data.sweeps[data.setting[m[0]]][i].rx_antenna_gain) for i in self.heard]
-            for m in self.members
-        ]  # fmt: skip
-        # one line of two stations tells the distance no better than T_off is known
-        alone = len(data.stations) == 2 and len(self.heard) == 1
-        return np.array(told) & (self._range_told()[:, None] | (not alone))
-
-    def _noise_told(self) -> np.ndarray:
-        """Return of which stations the calibrations tell floor and skirts (S,)."""
-        data = self.data
-        skirts = all(np.isfinite(c.phase_noise_level + c.phase_noise_corner) for c in data.calibration)
-        return np.array([skirts and not data.noise_measured[i] for i in self.heard])
+        return Part(groups, local, nominal, steady(nominal, local), extract)
 
     # --- the recording ---
 
@@ -171,12 +113,9 @@ class Comparison:
         """Return the measured features of all groups and their standard deviations."""
         errors_of_range = [s.range - self.data.distance[m] for s, m in zip(self.sweeps, self.members, strict=True)]
         range_std, beat_std, amplitude_std = self._scatter(errors_of_range)
-        range_limit = 0.0
-        if len(self.heard) < len(self.data.stations):  # T_off stands in the range of one line alone
-            range_limit = _BEAT_LIMIT / (2.0 * abs(self.data.sweeps[0][0].chirp_rate)) * SPEED_OF_LIGHT
         harmonic_std = self._harmonic_scatter()
         movement_told = any(part.extract.way_per_phase for part in self.parts)
-        noise_told = self._noise_told()
+        noise_told, range_limit = self.known.noise(), self.known.range_limit()
         values: list[Groups] = []
         errors: list[Groups] = []
         for g, (rows, sweeps, standing) in enumerate(zip(self.members, self.sweeps, self.standing, strict=True)):
@@ -213,9 +152,9 @@ class Comparison:
                     np.maximum(np.sqrt(mean_variance), 0.01) / root,
                     harmonic_std[g] / root,
                     noise_std,
-                    np.hypot(beat_std[g] / root, _BEAT_LIMIT),
+                    np.hypot(beat_std[g] / root, BEAT_LIMIT),
                     np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
-                    np.hypot(max(range_std[g], 1e-5) / root, range_limit),
+                    np.hypot(max(range_std[g], 1e-5) / root, range_limit[g]),
                     self.slope_std[g],
                     movement_std,
                 )
@@ -224,7 +163,7 @@ class Comparison:
 
     def _scatter(self, errors_of_range: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return by what sweeps scatter: range (G,), beat (G,), amplitudes (G, S); inf where nothing tells it."""
-        told, groups = self._range_told(), len(self.members)
+        told, groups = self.known.range(), len(self.members)
         expected = np.array(
             [
                 np.mean(s.range_std**2 + np.nan_to_num(self.data.reference_std[m]) ** 2)
@@ -242,7 +181,7 @@ class Comparison:
         if len(self.heard) == 2:
             beat_std = pooled([s.beat[:, None] for s in self.sweeps])[:, 0]
         shared = _AMPLITUDE_SHARED if len(self.heard) == 2 else 1.0
-        amplitude_std = np.where(self._power_told(), shared * pooled([s.amplitude for s in self.sweeps]), np.inf)
+        amplitude_std = np.where(self.known.power(), shared * pooled([s.amplitude for s in self.sweeps]), np.inf)
         return range_std, beat_std, amplitude_std
 
     def _harmonic_scatter(self) -> np.ndarray:
@@ -354,7 +293,7 @@ class Comparison:
                 )
         return joined(found)
 
-    def _simulated(self, part: _Part, effects: Sequence[Effect]) -> SweepFeatures:
+    def _simulated(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group.
 
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
@@ -364,7 +303,7 @@ class Comparison:
         copies, count = _DISTORTED if distorting else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
-        moved = self._align(part, rows, copies)
+        moved = align(part, rows, copies, self.sweeps)
         features = self._mean_features(part, rows, effects, copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -374,36 +313,8 @@ class Comparison:
             features = dataclasses.replace(features, power=jittered.power, harmonic=jittered.harmonic)
         return features
 
-    def _align(self, part: _Part, rows: Measurements, copies: int) -> np.ndarray:
-        """Give the line of a station that hears itself the measured phase; return the mean delay added (G,) [s].
-
-        Its phase is no free one as that of a pair, but follows from the delay, which nobody knows to a part of a
-        wavelength: less than that is added. Where the phases of a group's sweeps differ, the copies' lie evenly over
-        half a turn.
-
-        Args:
-            part: groups of one setting.
-            rows: their steady conditions, as often as there are copies; the delays are changed.
-            copies: number of them.
-        """
-        added = np.zeros((copies, len(part.groups)))
-        if len(part.steady.stations) == 2:
-            return added[0]
-        (station,) = part.steady.stations
-        delay, sweep = part.steady.paths[0].delay, station.sweep
-        carrier = station.alpha * sweep.center_frequency
-        own = carrier * delay - 0.5 * sweep.chirp_rate * delay**2  # turns in mid-sweep
-        for row, g in enumerate(part.groups):
-            phasor = np.mean(np.exp(1j * sweep.line_sign() * self.sweeps[g].carrier))
-            turns = np.arange(copies) / (2.0 * copies)
-            if abs(phasor) > _COHERENT:
-                turns = np.angle(phasor) / (2.0 * np.pi) - own[row]
-            added[:, row] = (turns - np.rint(turns)) / carrier[row]
-        rows.paths[0].delay += added.ravel()
-        return added.mean(axis=0)
-
     def _mean_features(
-        self, part: _Part, rows: Measurements, effects: Sequence[Effect], copies: int, noise: bool = False
+        self, part: Part, rows: Measurements, effects: Sequence[Effect], copies: int, noise: bool = False
     ) -> SweepFeatures:
         """Return features of simulated sweeps, each the mean of its copies."""
         samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
@@ -417,7 +328,7 @@ class Comparison:
         }
         return dataclasses.replace(features, **means, carrier=features.carrier[:count])
 
-    def _distorted(self, part: _Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
+    def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
         """Return mean features of sweeps with the start delays of measured ones, whose jitter harmonics multiply."""
         copies, count = _DISTORTED, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
@@ -427,10 +338,10 @@ class Comparison:
         amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
         for number, heard in enumerate(self.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
-        self._align(part, rows, copies)
+        align(part, rows, copies, self.sweeps)
         return self._mean_features(part, rows, effects, copies, noise)
 
-    def _changed_noise(self, part: _Part, effects: Sequence[Effect]) -> np.ndarray:
+    def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
         levels = []
         for acting in (effects, ()):
@@ -456,7 +367,7 @@ class Comparison:
         rate = self.data.sweeps[0][0].sample_rate
         return near_line(bins, line, rate / 2 / (bins - 1), rate)
 
-    def _reference(self, part: _Part, effects: Sequence[Effect]) -> np.ndarray:
+    def _reference(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way."""
         m = part.steady
         slope = np.where(self.standing, 0.0, self.slope)[part.groups]
@@ -497,7 +408,7 @@ class Comparison:
                 effect.prepare(driven)
         return driven.velocity
 
-    def _displacement(self, part: _Part, effects: Sequence[Effect]) -> list[np.ndarray]:
+    def _displacement(self, part: Part, effects: Sequence[Effect]) -> list[np.ndarray]:
         """Return the movement within each group [m], (n of group,) each."""
         moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path']
         if not moving:

@@ -115,6 +115,11 @@ class Conditions:
             np.array(frames, dtype=str),
         ).of(f'{stations[0]}/{stations[-1]}')
 
+    def lacking(self, stations: Sequence[str]) -> frozenset[str]:
+        """Return the topics of calibration and weather in whose place nominal values and defaults stand."""
+        calibrations = {f'/{s}/calibration' for s in stations if s not in self._calibrations}
+        return frozenset(calibrations | {f'/site/{q}' for q in WEATHER if q not in self._weather})
+
     def missing(
         self, stations: Sequence[str], sampled: Collection[str], sweeps: tuple[SweepSettings, ...]
     ) -> list[str]:
@@ -129,15 +134,16 @@ class Conditions:
         for station, peer in zip(stations, reversed(stations), strict=True):
             if station not in sampled:
                 said.append(
-                    f'/{station}/if_samples is missing: nothing of its receiver can be told, nor to which station an '
-                    f"effect on the chirps belongs; '{peer}' alone tells the distance no better than T_off is known"
+                    f'/{station}/if_samples is missing: nothing of its receiver can be told, and to which station an '
+                    'effect on the chirps belongs only where it shifts with the distance; '
+                    f"'{peer}' alone tells the distance no better than T_off is known"
                 )
             if (station, peer) not in self._settings:
                 said.append(f"/{station}/sweep_config is missing: its settings follow those of '{peer}'")
             if station not in self._calibrations:
                 said.append(
-                    f'/{station}/calibration is missing: its clocks count as nominal and its delay as zero, so errors '
-                    'of both cannot be told from what the calibration would say'
+                    f'/{station}/calibration is missing: its clocks count as nominal, and an error of them cannot be '
+                    'told from what the calibration would say; its delay is not known, so the range is not compared'
                 )
             else:
                 calibration = self._calibrations[station].latest()
@@ -153,7 +159,8 @@ class Conditions:
         lacking = [f'/site/{quantity}' for quantity in WEATHER if quantity not in self._weather]
         if lacking:
             said.append(
-                f'{", ".join(lacking)} missing: the default is used, refractivity cannot be told from the weather'
+                f'{", ".join(lacking)} missing: the default is used, and the range is compared only as far as the '
+                'air may change it'
             )
         if not len(self.reference(stations).stamps):
             said.append(

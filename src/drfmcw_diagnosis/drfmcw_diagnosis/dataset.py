@@ -75,6 +75,7 @@ class Dataset:
     reference_std: np.ndarray  # (n,) [m]
     missing: tuple[str, ...]  # what the recording lacks and what can therefore not be told
     noise_measured: tuple[bool, ...]  # of each station: no noise floor was told, the calibration holds the measured one
+    lacking: frozenset[str]  # topics of calibration and weather in whose place nominal values and defaults stand
 
     def __len__(self) -> int:
         """Return the number of sweeps."""
@@ -311,6 +312,7 @@ def assembled(
         reference_std=_reference_std(reference, heard, known),
         missing=tuple(said),
         noise_measured=tuple(bool(np.isnan(c.noise_floor)) for c in calibrations),
+        lacking=conditions.lacking(stations),
     )
     if any(dataset.noise_measured):
         dataset = _with_measured_noise(dataset)

@@ -98,7 +98,7 @@ def diagnose_dataset(
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
-    comparison = _compared(data)
+    comparison = Comparison(data)
     search = Search(comparison, progress, without)
     found, significance, rounds = forward(search, false_alarm_rate)
     left = search.leftovers(found)
@@ -121,6 +121,7 @@ def diagnose_dataset(
     explanation = _explanation(search, chosen) if chosen else None
     refined = None
     if chosen and out is not None:
+        Path(out).mkdir(parents=True, exist_ok=True)
         refined = str(Path(out) / 'refined.yaml')
         write_scenario(refined, data, [_entry(e) for e in chosen.effects])
     fitted_rows, held_rows = _split(data)
@@ -144,7 +145,7 @@ def diagnose_dataset(
         sweeps_fitted=len(fitted_rows),
         sweeps_held_out=len(held_rows),
         command=command,
-        places=len(search.bank),
+        places=search.places,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
 
@@ -158,12 +159,8 @@ def check(data: Dataset) -> tuple[float, float]:
     Raises:
         ConfigurationError: the data lack what is needed.
     """
-    comparison = _compared(data)
+    comparison = Comparison(data)
     return Fitting(comparison).leftovers(None)[0].probability, _per_freedom(comparison, 0.0)
-
-
-def _compared(data: Dataset) -> Comparison:
-    return Comparison(data)
 
 
 def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -256,7 +253,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
 
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
-    sentences_ = [*data.missing, *search.comparison.untold]
+    sentences_ = [*data.missing, *search.comparison.known.untold()]
     unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')

@@ -19,11 +19,8 @@ from .dataset import Dataset
 from .features import LINE
 from .instruments import Effects, Measurement, View
 
-PLACES = 5
-"""Distances of a hypothetical recording, at most."""
-
 SWEEPS = 12
-"""Sweep pairs at each of them, at most."""
+"""Sweep pairs at each distance, at most."""
 
 _HEADROOM = 6.0  # by which a strong signal is attenuated below full scale [dB]
 _AVERAGED = ('ramp', 'lines', 'mean', 'range', 'velocity')  # kinds of numbers that more sweeps tell better
@@ -48,11 +45,17 @@ class _Supposed(Dataset):
     """A recording that nobody has made."""
 
     begin: int  # stamp of the first sweep of the real one [ns]
+    place: np.ndarray  # (n,) number of the distance at which each sweep is made
 
     @functools.cached_property
     def time(self) -> np.ndarray:
         """Time since the first sweep of the real recording, (n,) [s]."""
         return (self.stamp - self.begin) * 1e-9
+
+    @property
+    def group(self) -> np.ndarray:
+        """Number of the place, (n,): conditions are the same there, whatever the readings say."""
+        return self.place
 
 
 def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
@@ -82,8 +85,9 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
         'temperature': fields['temperature'] + conditions.air,
         'reference': distance,
     }
-    made = _Supposed(**fields, begin=int(data.stamp[0]))
-    jitter = [np.var(s.beat) / (2.0 * made.sweeps[0][0].chirp_rate) ** 2 for s in comparison.sweeps]
+    made = _Supposed(**fields, begin=int(data.stamp[0]), place=place)
+    per_delay = comparison.parts[0].extract.beat_per_start_delay
+    jitter = [np.var(s.beat) / per_delay**2 for s in comparison.sweeps]
     scatter = [np.var(s.amplitude, axis=0).mean() for s in comparison.sweeps]
     samples: list[np.ndarray | None] = [None] * len(data.stations)
     for setting in range(len(distinct)):
@@ -131,7 +135,7 @@ class _Sweeps(Measurement):
     """Further sweep pairs, under other conditions than the recording's."""
 
     @abc.abstractmethod
-    def conditions(self, comparison: Comparison) -> Conditions | None:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the conditions, None where they cannot be had."""
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
@@ -142,15 +146,17 @@ class _Sweeps(Measurement):
         """Return by how much each number's standard deviation exceeds that of the sweeps alone."""
         return np.ones(len(made.residual))
 
-    def view(self, comparison: Comparison) -> View | None:
+    def view(self, comparison: Comparison, places: int) -> View | None:
         """Return what effects add to the sweeps."""
-        conditions = self.conditions(comparison)
+        conditions = self.conditions(comparison, places)
         if conditions is None or not conditions.groups:
             return None
         made = supposed(comparison, conditions)
         spread = self.spread(made)
-        if conditions.referenced and not np.isfinite(comparison.data.reference).any():
-            spread[made.entries.where(kind=['range', 'velocity'])] = np.inf
+        for kind in ('range', 'velocity', 'amplitude', 'noise'):
+            told = np.isfinite(getattr(comparison.std, kind)).any()
+            if not told and (kind != 'range' or conditions.referenced):
+                spread[made.entries.where(kind=kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:
             acting = [self.acting(_at(e, conditions.groups), comparison) for e in effects]
@@ -167,10 +173,10 @@ def _at(effect: Effect, groups: Sequence[int]) -> Effect:
     return dataclasses.replace(effect, velocity=tuple(velocity[g] for g in groups))
 
 
-def _same(comparison: Comparison, **changes) -> Conditions:
+def _same(comparison: Comparison, places: int, **changes) -> Conditions:
     """Return the recording's own conditions at some of its distances."""
     data, members = comparison.data, comparison.members
-    groups = np.unique(np.linspace(0, len(members) - 1, min(PLACES, len(members))).round().astype(int))
+    groups = np.unique(np.linspace(0, len(members) - 1, min(places, len(members))).round().astype(int))
     conditions = Conditions(
         groups=tuple(groups.tolist()),
         distance=tuple(float(data.distance[members[g]].mean()) for g in groups),
@@ -186,7 +192,7 @@ def _timed(
     """Return the settings with another T_off, None where a line would leave the IF band at that distance."""
     index = comparison.data.refractive_index.mean()
     delay = sum(c.delay for c in comparison.data.calibration) + distance * index / SPEED_OF_LIGHT
-    mode = Mode.LONG_DISTANCE if delay > start_delay else Mode.SHORT_DISTANCE
+    mode = Mode.LONG_DISTANCE if delay > start_delay and not sweeps[0].hears_itself else Mode.SHORT_DISTANCE
     changed = tuple(dataclasses.replace(s, start_delay=start_delay, mode=int(mode)) for s in sweeps)
     for sweep in changed:
         line, margin = beat_frequency(sweep, delay, 1.0, 1.0), LINE * sweep.sample_rate / sweep.sample_count
@@ -204,7 +210,7 @@ class Baseline(_Sweeps):
     length: float  # [m]
     millimetres: float = 1.0  # to which it is known
 
-    def conditions(self, comparison: Comparison) -> Conditions | None:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the nearest group's conditions at the baseline's length."""
         data, members = comparison.data, comparison.members
         group = int(np.argmin([data.distance[m].mean() for m in members]))
@@ -212,7 +218,7 @@ class Baseline(_Sweeps):
         sweeps = _timed(comparison, old, old[0].start_delay, self.length)
         if sweeps is None:
             return None
-        return _same(comparison, groups=(group,), distance=(self.length,), sweeps=(sweeps,), referenced=False)
+        return _same(comparison, places, groups=(group,), distance=(self.length,), sweeps=(sweeps,), referenced=False)
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what belongs to the crane and to the reference instrument."""
@@ -235,11 +241,11 @@ class OtherStartDelay(_Sweeps):
 
     factors: tuple[float, ...] = (1.25, 0.8, 1.5, 0.6, 2.0, 0.4)
 
-    def conditions(self, comparison: Comparison) -> Conditions | None:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the T_off with which most distances can be measured."""
         if len(comparison.data.stations) < 2:
             return None
-        same = _same(comparison)
+        same = _same(comparison, places)
         best: list[tuple[int, tuple[SweepSettings, ...]]] = []
         for factor in self.factors:
             timed = [
@@ -264,7 +270,7 @@ class FurtherAway(_Sweeps):
 
     times: float = 1.5  # the longest distance
 
-    def conditions(self, comparison: Comparison) -> Conditions | None:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the longest group's conditions further away, None where no T_off keeps both lines in the IF band."""
         data, members = comparison.data, comparison.members
         distances = [float(data.distance[m].mean()) for m in members]
@@ -273,7 +279,7 @@ class FurtherAway(_Sweeps):
         old = data.sweeps[data.setting[members[group][0]]]
         timed = (_timed(comparison, old, factor * old[0].start_delay, distance) for factor in (1.0, 0.5, 0.25, 2.0))
         sweeps = next((s for s in timed if s is not None), None)
-        return sweeps and _same(comparison, groups=(group,), distance=(distance,), sweeps=(sweeps,))
+        return sweeps and _same(comparison, places, groups=(group,), distance=(distance,), sweeps=(sweeps,))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -282,9 +288,9 @@ class Between(_Sweeps):
 
     text = 'Measure at further distances, halfway between those of the recording.'
 
-    def conditions(self, comparison: Comparison) -> Conditions | None:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the distances halfway to the next group, where the settings of both are the same."""
-        same = _same(comparison)
+        same = _same(comparison, places)
         data, members = comparison.data, comparison.members
         distance = np.array([data.distance[m].mean() for m in members])
         chosen = [
@@ -313,10 +319,10 @@ class Repeated(_Sweeps):
     attenuation: float = 0.0  # of all received power [dB]
     still: bool = False  # the crane can neither drive nor sway
 
-    def conditions(self, comparison: Comparison) -> Conditions:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions:
         """Return the recording's conditions, changed."""
         boards = tuple(self.board * (self.station in ('', s)) for s in comparison.data.stations)
-        return _same(comparison, boards=boards, air=self.air, later=self.later, attenuation=self.attenuation)
+        return _same(comparison, places, boards=boards, air=self.air, later=self.later, attenuation=self.attenuation)
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out motion where the crane is held."""
@@ -332,9 +338,9 @@ class Exchanged(_Sweeps):
     untellable = frozenset({'delay_offset', 'amplitude_loss', 'echo'})  # may belong to the path or to either station
     station: str
 
-    def conditions(self, comparison: Comparison) -> Conditions | None:
+    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the recording's conditions; None where a station hears itself."""
-        return _same(comparison) if len(comparison.data.stations) == 2 else None
+        return _same(comparison, places) if len(comparison.data.stations) == 2 else None
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what the station did."""
@@ -351,7 +357,7 @@ class MoreSweeps(Measurement):
     times: int = 4
     text = 'Record {m.times} times as many sweeps under the same conditions.'
 
-    def view(self, comparison: Comparison) -> View:
+    def view(self, comparison: Comparison, places: int) -> View:
         """Return what effects add to the additional sweeps; limits of the model do not average out."""
         entries = comparison.entries
         scale = np.where(entries.where(kind=_AVERAGED), math.sqrt(self.times - 1.0), 0.0)

@@ -7,8 +7,9 @@ import numpy as np
 
 from drfmcw_sim.signal_model import Measurements
 
-from .features import BANDS
+from .features import BANDS, Extractor, SweepFeatures
 
+_COHERENT = 0.5  # mean of the phasors of a group's sweeps beyond which their phases count as one
 _POOL = 30.0  # sweeps that the scatter in all groups counts for in each
 
 
@@ -47,6 +48,47 @@ class Groups:
     range: np.ndarray  # (G,) beyond the reference [m]
     velocity: np.ndarray  # (G,) slope of the reference [m/s]
     movement: np.ndarray  # (n sweeps,) within the group [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """The groups of one setting of the sweep."""
+
+    groups: np.ndarray  # their places among all
+    local: list[np.ndarray]  # rows of `all` of each
+    all: Measurements  # nominal, one per sweep
+    steady: Measurements  # nominal, one per group under its mean conditions
+    extract: Extractor
+
+
+def align(part: Part, rows: Measurements, copies: int, sweeps: Sequence[SweepFeatures]) -> np.ndarray:
+    """Give the line of a station that hears itself the measured phase; return the mean delay added (G,) [s].
+
+    Its phase is no free one as that of a pair, but follows from the delay, which nobody knows to a part of a
+    wavelength: less than that is added. Where the phases of a group's sweeps differ, the copies' lie evenly over
+    half a turn.
+
+    Args:
+        part: groups of one setting.
+        rows: their steady conditions, as often as there are copies; the delays are changed.
+        copies: number of them.
+        sweeps: measured features of all groups.
+    """
+    added = np.zeros((copies, len(part.groups)))
+    if len(part.steady.stations) == 2:
+        return added[0]
+    (station,) = part.steady.stations
+    delay, sweep = part.steady.paths[0].delay, station.sweep
+    carrier = station.alpha * sweep.center_frequency
+    own = carrier * delay - 0.5 * sweep.chirp_rate * delay**2  # turns in mid-sweep
+    for row, g in enumerate(part.groups):
+        phasor = np.mean(np.exp(1j * sweep.line_sign() * sweeps[g].carrier))
+        turns = np.arange(copies) / (2.0 * copies)
+        if abs(phasor) > _COHERENT:
+            turns = np.angle(phasor) / (2.0 * np.pi) - own[row]
+        added[:, row] = (turns - np.rint(turns)) / carrier[row]
+    rows.paths[0].delay += added.ravel()
+    return added.mean(axis=0)
 
 
 def band_edges(bins: int) -> np.ndarray:

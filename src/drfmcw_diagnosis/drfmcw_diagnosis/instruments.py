@@ -41,11 +41,12 @@ class Measurement(abc.ABC):
         return self.text.format(m=self)
 
     @abc.abstractmethod
-    def view(self, comparison: Comparison) -> View | None:
+    def view(self, comparison: Comparison, places: int) -> View | None:
         """Return what it shows, None where it cannot be made.
 
         Args:
             comparison: the recording, whose conditions, noise and settings hold for it too.
+            places: distances at which sweeps are simulated, at most.
         """
 
 
@@ -64,7 +65,7 @@ class _Reading(Measurement):
     def std(self, comparison: Comparison, m: Measurements) -> np.ndarray | float:
         """Return the standard deviation of each reading."""
 
-    def view(self, comparison: Comparison) -> View | None:
+    def view(self, comparison: Comparison, places: int) -> View | None:
         """Return the readings less the nominal ones."""
         m = self.moments(comparison)
         if m is None:
@@ -163,9 +164,9 @@ class TerminatedAntenna(_Reading):
 
     accuracy: float = 0.02  # of the ADC's scale [dB]
 
-    def moments(self, comparison: Comparison) -> Measurements:
-        """Return any moment."""
-        return _state(comparison, [0])
+    def moments(self, comparison: Comparison) -> Measurements | None:
+        """Return any moment; None where the calibrations do not tell the noise."""
+        return _state(comparison, [0]) if np.isfinite(comparison.std.noise).any() else None
 
     def read(self, m: Measurements, effects: Effects) -> np.ndarray:
         """Return the noise of each station [dB of 1 LSB^2 per sample]."""

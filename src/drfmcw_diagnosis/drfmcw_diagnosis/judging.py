@@ -8,13 +8,17 @@ from typing import Any
 OUTCOMES = ('right', 'undecided', 'unnamed', 'wrong', 'missed', 'failed')
 """What a finding can be worth.
 
-right: the verdict and every effect with its station; undecided: the truth is among the explanations named, but one
-recording would have told; unnamed: an effect of the registry was called unexplained; wrong: a name that is not the
-truth, or a mismatch where there is none; missed: a mismatch called consistent; failed: no finding at all.
+right: the verdict and every effect with its station, or 'ambiguous' among what the data cannot tell apart; undecided:
+the truth is among the explanations named, but one recording would have told; unnamed: an effect of the registry was
+called unexplained; wrong: a name that is not the truth, or a mismatch where there is none; missed: a mismatch called
+consistent; failed: no finding at all.
 """
 
 TOLERATED_SHARE = 0.9
 """Of the excess misfit that levels which do hold a mismatch must have, for 'unexplained' to be no false alarm."""
+
+SEPARABLE = 4.0
+"""Standard deviations between what two explanations predict, below which they are one answer."""
 
 Key = tuple[str, str | None]
 Explained = frozenset[Key]
@@ -45,6 +49,7 @@ class Judgement:
     truth: Explained
     named: tuple[Explained, ...]  # explanations in the finding, the chosen one first
     pulls: tuple[Pull, ...] = ()
+    apart: tuple[float | None, ...] = ()  # of each in `named`, see `judge`
 
     def as_object(self) -> dict[str, Any]:
         """Return a JSON-ready object."""
@@ -53,6 +58,7 @@ class Judgement:
             'reason': self.reason,
             'truth': words(self.truth),
             'named': [words(e) for e in self.named],
+            'apart': list(self.apart),
             'pulls': [{**dataclasses.asdict(p), 'pull': p.pull} for p in self.pulls],
         }
 
@@ -67,41 +73,52 @@ def keys(effects: Sequence[Mapping[str, Any]]) -> Explained:
     return frozenset((e['effect'], e['station']) for e in effects)
 
 
-def judge(truth: Mapping[str, Any], finding: Mapping[str, Any]) -> Judgement:
+def judge(truth: Mapping[str, Any], finding: Mapping[str, Any], apart: Sequence[float | None] = ()) -> Judgement:
     """Return what a finding is worth.
 
     Args:
         truth: as sealed, see `proof.cases.Case.truth`.
         finding: as the tool wrote it, see `result.Diagnosis.as_object`.
+        apart: of each explanation in the finding, the chosen one first: how far from the data of the truth its own are,
+            in standard deviations by the generator, None where that is not known.
     """
     wanted = keys(truth['effects'])
     named: tuple[Explained, ...] = ()
     if finding['effects']:
         named = keys(finding['effects']), *(keys(a['effects']) for a in finding['alternatives'])
-    outcome, reason = _outcome(truth, finding, wanted, named)
+    alike = {n for n, d in zip(named, apart, strict=False) if d is not None and d < SEPARABLE}
+    alike = (alike | {keys(rival) for rival in truth['rivals']}) - {wanted}
+    outcome, reason = _outcome(truth, finding, wanted, named, alike)
     pulls: tuple[Pull, ...] = ()
     if named and named[0] == wanted:
         pulls = tuple(_pulls(truth['effects'], finding['effects']))
-    return Judgement(outcome, reason, wanted, named, pulls)
+    return Judgement(outcome, reason, wanted, named, pulls, tuple(apart))
 
 
 def _outcome(
-    truth: Mapping[str, Any], finding: Mapping[str, Any], wanted: Explained, named: tuple[Explained, ...]
+    truth: Mapping[str, Any],
+    finding: Mapping[str, Any],
+    wanted: Explained,
+    named: tuple[Explained, ...],
+    alike: set[Explained],  # what the data cannot tell from the truth
 ) -> tuple[str, str]:
     verdict = finding['verdict']
     if not wanted:
         return _of_null(truth, finding, named)
     if verdict == 'consistent':
         return 'missed', 'called consistent'
-    if not all(e['registered'] for e in truth['effects']):
+    unknown = [e for e in truth['effects'] if not e['registered'] or e['effect'] in truth['without']]
+    if unknown:
         if verdict == 'unexplained':
             return 'right', 'unexplained, as it should be'
-        return 'wrong', f'outside the registry, yet called {verdict}'
+        if alike >= set(named):
+            return 'right', f'called {verdict} by what the data cannot tell from the truth'
+        return 'wrong', f'not in the registry, yet called {verdict}'
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     rivals = {keys(rival) for rival in truth['rivals']}
     if verdict == 'explained':
-        if named[0] in rivals:
+        if named[0] in alike:
             return 'wrong', 'one of several explanations that the data cannot tell apart, called the only one'
         if named[0] != wanted:
             return 'wrong', _difference(named[0], wanted)
@@ -112,9 +129,11 @@ def _outcome(
         return 'wrong', 'ambiguous, the truth not among the explanations'
     if rivals and not rivals & set(named):
         return 'wrong', 'ambiguous, none of the true rivals among the explanations'
-    if verdict not in truth['verdicts']:
-        return 'undecided', 'ambiguous, the truth among the explanations'
-    return 'right', 'ambiguous, the truth and its rivals named' if rivals else 'ambiguous, the truth named'
+    if rivals:
+        return 'right', 'ambiguous, the truth and its rivals named'
+    if alike >= set(named) - {wanted}:
+        return 'right', 'ambiguous, the truth among explanations that the data cannot tell apart'
+    return 'undecided', 'ambiguous, the truth among the explanations'
 
 
 def _of_null(truth: Mapping[str, Any], finding: Mapping[str, Any], named: tuple[Explained, ...]) -> tuple[str, str]:
@@ -154,13 +173,3 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
                 estimate = abs(stated['value']) if unsigned else stated['value']
                 if math.isfinite(true):
                     yield Pull(truth['effect'], name, float(true), estimate, stated['std'])
-
-
-def detected(record: Mapping[str, Any]) -> bool:
-    """Return whether a case's finding says that there is a mismatch."""
-    return record['finding'] is not None and record['finding']['verdict'] != 'consistent'
-
-
-def size(truth: Mapping[str, Any]) -> float:
-    """Return the matched signal-to-noise d of all effects together, taken as independent."""
-    return math.sqrt(sum(e['d']['total'] ** 2 for e in truth['effects']))

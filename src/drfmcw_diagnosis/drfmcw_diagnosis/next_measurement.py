@@ -29,6 +29,10 @@ from .instruments import (
 from .result import NextMeasurement
 from .search import Fitted, Fitting
 
+_PLACES = 5  # distances of further sweeps, at most
+_PREDICTED = 60  # predictions of each measurement that the time allows
+_DISTORTING = 8  # times as long as others takes the prediction of an effect that distorts the IF
+
 
 def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
     """Yield all measurements that are simulated."""
@@ -38,7 +42,8 @@ def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
     yield from (Baseline(5.0), Baseline(15.0), OtherStartDelay(), FurtherAway(), Between(), MoreSweeps())
     yield Repeated('when air and boards are 15 K warmer', board=15.0, air=15.0)
     for station in stations:
-        yield Repeated(f'with the board of {station} heated by 15 K, the other one not', board=15.0, station=station)
+        alone = ', the other one not' if len(stations) > 1 else ''
+        yield Repeated(f'with the board of {station} heated by 15 K{alone}', board=15.0, station=station)
     yield Repeated('an hour later at the same temperatures, the power left on', later=3600.0)
     yield Repeated('with attenuators of 10 dB before the receivers', attenuation=10.0)
     yield Repeated('with the crane braked, in calm air', still=True)
@@ -107,10 +112,11 @@ def ranked(
     explanations = [chosen, *rivals]
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
+    places = int(np.clip(_PREDICTED / sum(map(_cost, explanations)), 2, _PLACES))
     names = {e.candidate.effect for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
-        view = None if measurement.untellable & names else measurement.view(comparison)
+        view = None if measurement.untellable & names else measurement.view(comparison, places)
         if view is None:
             continue
         shown = [_predicted(f, view.show) for f in explanations]
@@ -120,6 +126,13 @@ def ranked(
         gains = [max(_misfit(b) - _misfit(r), 0.0) for r, b in zip(alone, both, strict=True)]
         found.append(NextMeasurement(measurement.sentence, tuple(map(math.sqrt, gains))))
     return tuple(sorted(found, key=lambda m: (-m.decides, -round(m.separation, 3))))
+
+
+def _cost(fitted: Fitted) -> int:
+    """Return the effort of predicting an explanation and its derivatives at one place."""
+    predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
+    distorting = any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects)
+    return predictions * (_DISTORTING if distorting else 1)
 
 
 def _trusted(shown: list[_Prediction], fitting: Fitting, chosen: Fitted) -> list[_Prediction]:

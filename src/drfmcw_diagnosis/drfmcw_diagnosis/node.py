@@ -43,17 +43,19 @@ class WatchedSettings:
     """Which pair is watched, and where findings go."""
 
     pair: str = parameter(
-        'master/slave', description="pair of stations as 'first/second' whose sweeps are watched", structural=True
+        'master/slave',
+        description="stations whose sweeps are watched: 'first/second'; 'name/name' hears itself",
+        structural=True,
     )
     findings: str = parameter(
         '', description='directory in which each finding is kept; empty: they are only published', structural=True
     )
 
     def __post_init__(self) -> None:
-        """Refuse names that are no pair of two."""
+        """Refuse names that are no pair."""
         names = self.pair.split('/')
-        if len(names) != 2 or not all(names) or names[0] == names[1]:
-            raise ConfigurationError(f"pair: '{self.pair}' is not 'first/second', two stations")
+        if len(names) != 2 or not all(names):
+            raise ConfigurationError(f"pair: '{self.pair}' is not 'first/second'")
 
 
 class WatchNode(Node):
@@ -73,7 +75,7 @@ class WatchNode(Node):
         self._watch = Watch(Window(watched.pair, window.value), settings.value, _directory(watched.findings))
         self._finding: Judgement | None = None  # that was logged
         self._background = Background(watch.judge)
-        for station in watched.pair.split('/'):
+        for station in sorted(set(watched.pair.split('/'))):
             self._listen(SweepConfig, f'/{station}/sweep_config', qos.latched_subscription(_LATCHED_DEPTH))
             self._listen(StationCalibration, f'/{station}/calibration', qos.latched_subscription(_LATCHED_DEPTH))
             self._listen(StationStatus, f'/{station}/status', qos.RELIABLE)

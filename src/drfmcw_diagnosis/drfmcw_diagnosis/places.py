@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import scipy.fft
+from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -28,7 +29,20 @@ _ALIASES = 32  # frequencies of sway that are looked at closely
 _REFLECTIONS = 6  # places of a reflection, whose fringes resemble each other
 _LONGEST = 500.0  # echo [m]
 
-CELLS = {'echo': 350, 'ground_reflection': 200, 'sweep_ripple': 60, 'spur': 1000, 'sway': 1000}
+_LEVEL_STEP = 2.0  # between limits that are tried [dB]
+_DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
+_COMPRESSIONS = (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3)
+_SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
+
+CELLS = {
+    'echo': 350,
+    'ground_reflection': 200,
+    'sweep_ripple': 60,
+    'spur': 1000,
+    'sway': 1000,
+    'clipping': 20,
+    'compression': 6,
+}
 """Independent places among which each search chooses, by effect."""
 
 
@@ -49,6 +63,8 @@ def places(comparison: Comparison, residual: np.ndarray, effect: str, station: i
         return _ripples(comparison, residual)
     if effect == 'sway':
         return _sways(comparison, residual)
+    if effect in ('clipping', 'compression'):
+        return _distortions(comparison, residual, effect, station) if station >= 0 else ()
     return () if station < 0 else _spurs(comparison, residual, station)
 
 
@@ -185,6 +201,26 @@ def _sways(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     best = score(fine).reshape(-1, 17)
     peaks = fine.reshape(-1, 17)[np.arange(len(best)), best.argmax(axis=1)]
     return tuple(float(f) for f in peaks[np.argsort(best.max(axis=1))[::-1][:_PEAKS]])
+
+
+def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
+    """Return sizes of a station's distortion: none where its spectrum and levels are those of the model.
+
+    A distortion takes many simulated sweeps.
+    """
+    chances = []
+    for kind in ('harmonic', 'lines', 'noise', 'amplitude'):
+        z = residual[c.entries.where(kind=kind, station=station)]
+        used = np.count_nonzero(z)
+        share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
+        chances.append(stats.chi2.sf(z @ z / share, used / share) if used else 1.0)
+    if len(chances) * min(chances) > _SUSPICION:
+        return ()
+    if effect == 'compression':
+        return _COMPRESSIONS
+    full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
+    strongest = float(c.measured.amplitude[:, station].max()) - full_scale
+    return tuple(np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
 
 
 def _spurs(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:

@@ -1,6 +1,7 @@
 """`drfmcw prove`: conceals effects in recordings, lets the diagnosis find them, opens the seals and reports."""
 
 import argparse
+import collections
 import concurrent.futures
 import contextlib
 import fcntl
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,18 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_sim.monte_carlo import versions
 
-from .judging import judge
+from .judging import judge, keys
 from .proof.cases import GROUPS, Plan, conceal_case, plans
+from .proof.effects import Applied
+from .proof.generator import Condition
 from .proof.recordings import Seal, open_seal
+from .proof.sizes import separation
 from .proof_report import Run, write_report
 
 _PROG = 'drfmcw prove'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'ros', 'sim', 'node', 'fusion', 'diagnosis'))
 _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a source checkout
+_JUDGES = ('prove.py', 'judging.py', 'proof_figures.py', 'proof_plots.py', 'proof_report.py')  # change no finding
 _MANIFEST, _LOCK = 'proof.json', '.lock'
 _PATIENCE = 1800.0  # for one diagnosis [s]
 
@@ -49,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('--quick', action='store_true', help='a dozen small recordings instead of some thousands')
     result.add_argument('--out', metavar='DIR', help='directory of results and report (build/prove/ of a checkout)')
-    result.add_argument('--cases', type=int, metavar='N', help='only so many, spread over groups and kinds')
+    result.add_argument('--cases', type=int, metavar='N', help='only the first N, a fair part of all groups and kinds')
     result.add_argument('--groups', metavar='LIST', help=f'only these: {",".join(GROUPS)}')
     result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
     result.add_argument('--seed', type=int, default=1, metavar='S', help='of all random numbers (1)')
@@ -67,26 +72,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def chosen(listed: Sequence[Plan], groups: Sequence[str], count: int | None, seed: int) -> tuple[Plan, ...]:
-    """Return cases of some groups; `count` of them go around the groups, and around the kinds of each, at random."""
-    left = [plan for plan in listed if plan.group in groups]
-    if count is None or count >= len(left):
-        return tuple(left)
-    random = np.random.default_rng([seed, len(left)])
-    queues: list[list[Plan]] = []
-    for group in GROUPS:
-        shuffled = [left[i] for i in random.permutation(len(left)) if left[i].group == group]
-        met: dict[str, int] = {}
-        turn = []
+    """Return cases of some groups in the order in which they are run, the first `count` of them.
+
+    Groups take turns by their shares, the kinds within each one after the other, at random: however many cases are run,
+    they are a fair part of the list, and fewer are a part of more. What decides an ambiguous case follows it.
+    """
+    random = np.random.default_rng([seed, len(listed)])
+    following = {plan.follows.name: plan for plan in listed if plan.follows is not None}
+    ranked: list[tuple[float, int, Plan]] = []
+    for number, (group, share) in enumerate(GROUPS.items()):
+        own = [plan for plan in listed if plan.group == group and plan.follows is None]
+        shuffled = [own[i] for i in random.permutation(len(own))]
+        met: collections.Counter[str] = collections.Counter()
+        turns = []
         for plan in shuffled:
-            turn.append(met.get(plan.kind, 0))
-            met[plan.kind] = turn[-1] + 1
-        queues.append([shuffled[i] for i in np.argsort(turn, kind='stable')])
+            turns.append(met[plan.kind])
+            met[plan.kind] += 1
+        for place, i in enumerate(np.argsort(turns, kind='stable')):
+            ranked.append((place / share, number, shuffled[i]))
     taken: list[Plan] = []
-    while len(taken) < count:
-        for queue in queues:
-            if queue and len(taken) < count:
-                taken.append(queue.pop(0))
-    return tuple(sorted(taken, key=lambda plan: plan.name))
+    for _, _, plan in sorted(ranked, key=lambda one: one[:2]):
+        taken += [p for p in (plan, following.get(plan.name)) if p is not None and p.group in groups]
+    return tuple(taken[:count])
 
 
 class Results:
@@ -185,13 +192,13 @@ class _Tries:
                 raise _Interrupted
             recording, sealed = conceal_case(plan, folder / 'recordings', folder / 'truths', self._announce)
         begin = time.monotonic()
-        finding, error = self._diagnose(recording, folder / f'recordings/{plan.name}.json')
+        finding, error = self._diagnose(recording, folder / f'recordings/{plan.name}.json', plan.without)
         seconds = time.monotonic() - begin
         truth = open_seal(sealed)
         if finding is None:
             judgement: dict[str, Any] = {'outcome': 'failed', 'reason': error, 'named': [], 'pulls': []}
         else:
-            judgement = judge(truth, finding).as_object()
+            judgement = judge(truth, finding, _apart(plan.condition, truth['effects'], finding)).as_object()
         record = {
             'name': plan.name,
             'group': plan.group,
@@ -210,9 +217,11 @@ class _Tries:
     def _announce(self, plan: Plan, sealed: Seal) -> None:
         self._console.print(f'{plan.name} sealed {sealed.sha256}', highlight=False, soft_wrap=True)
 
-    def _diagnose(self, recording: Path, out: Path) -> tuple[dict[str, Any] | None, str]:
+    def _diagnose(self, recording: Path, out: Path, without: Sequence[str]) -> tuple[dict[str, Any] | None, str]:
         """Return (finding, '') or (None, what went wrong)."""
         command = [sys.executable, '-m', 'drfmcw_diagnosis.diagnose', str(recording), '--json', str(out)]
+        if without:
+            command += ['--without', ','.join(without)]
         # a session of its own: Ctrl-C is for this process, which ends the others
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -233,6 +242,44 @@ class _Tries:
         if process.returncode:
             return None, (errors.strip().splitlines() or [f'exit status {process.returncode}'])[-1]
         return json.loads(out.read_text(encoding='utf-8')), ''
+
+
+def _apart(condition: Condition, truth: Sequence[Mapping[str, Any]], finding: Mapping[str, Any]) -> list[float | None]:
+    """Return how far from the data of the truth those of each explanation in a finding are, see `judge`."""
+    if not truth or not finding['effects']:
+        return []
+    there = [Applied(e['effect'], e['station'], e['parameters']) for e in truth]
+    found: list[float | None] = []
+    for effects in (finding['effects'], *(a['effects'] for a in finding['alternatives'])):
+        if keys(effects) == keys(truth):
+            found.append(None)  # is the truth, however well it is fitted
+            continue
+        try:
+            with np.errstate(all='ignore'):
+                found.append(separation(condition, [_as_concealed(e) for e in effects], there))
+        except (ArithmeticError, TypeError, ValueError, np.linalg.LinAlgError):
+            found.append(None)  # parameters that the generator cannot make a recording of
+    return found
+
+
+def _as_concealed(effect: Mapping[str, Any]) -> Applied:
+    """Return an effect of a finding as the generator takes it."""
+    parameters: dict[str, Any] = {}
+    for name, stated in effect['parameters'].items():
+        base, bracket, _ = name.partition('[')
+        if bracket:
+            parameters.setdefault(base, []).append(stated['value'])
+        else:
+            parameters[base] = stated['value']
+    return Applied(effect['effect'], effect['station'], parameters)
+
+
+def _judged(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a stored case, judged by the rules as they are now."""
+    if record['finding'] is None:
+        return record
+    judgement = judge(record['truth'], record['finding'], record['judgement']['apart'])
+    return {**record, 'judgement': judgement.as_object()}
 
 
 def _try_all(tries: _Tries, missing: Sequence[Plan], jobs: int) -> Generator[dict[str, Any], None, None]:
@@ -263,7 +310,7 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]
         if group not in GROUPS:
             raise ConfigurationError(f"--groups: unknown group '{group}'{nearest(group, GROUPS)}")
     extent = 'quick' if arguments.quick else 'full'
-    return {'extent': extent, 'seed': arguments.seed, 'versions': versions(_PACKAGES)}, groups
+    return {'extent': extent, 'seed': arguments.seed, 'versions': versions(_PACKAGES, _JUDGES)}, groups
 
 
 def _folders(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
@@ -308,8 +355,10 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
                     highlight=False, soft_wrap=True,
                 )  # fmt: skip
                 raise
-        records = [record for plan in selected if (record := results.record(plan.name)) is not None]
-    run = Run(command, settings['extent'], arguments.seed, len(listed), settings['versions'], QUICK_SHARE)
+        in_order = sorted(selected, key=lambda plan: plan.name)
+        records = [_judged(record) for plan in in_order if (record := results.record(plan.name)) is not None]
+    changed = versions(_PACKAGES, _JUDGES) != settings['versions']
+    run = Run(command, settings['extent'], arguments.seed, len(listed), settings['versions'], QUICK_SHARE, changed)
     for folder in filter(None, (out, documents)):
         write_report(folder, run, records)
     right = sum(record['judgement']['outcome'] == 'right' for record in records)

@@ -149,7 +149,7 @@ class Diagnosis:
     sweeps_held_out: int | None = None
     command: str = ''  # that gave this diagnosis
     measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
-    places: int | None = None  # of the bank that were tried: what chance is counted over
+    places: int | None = None  # that were tried: what chance is counted over
 
     def as_object(self) -> dict[str, Any]:
         """Return a JSON-ready object, as docs and ../shared/interfaces describe it."""

@@ -24,6 +24,7 @@ MOST_EFFECTS = 4
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
 _STARTS = 6  # places of each kind at which a refinement begins
+_LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
 _TRUST = 0.003  # to which the forward models are trusted, relative to what they add
@@ -241,11 +242,12 @@ class Search(Fitting):
         """
         super().__init__(comparison)
         self._kept: dict[tuple, np.ndarray] = {}
+        self._without = without
         self._progress = progress or (lambda text, share: None)
         data = comparison.data
         calibration = data.calibration[0]
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
-        bank = list(candidates(data.stations, calibrated, len(comparison.members)))
+        bank = list(candidates(data.stations, calibrated, len(comparison.members), without))
         self.bank: list[Candidate] = []
         templates = []
         for number, candidate in enumerate(bank):
@@ -260,13 +262,25 @@ class Search(Fitting):
         found = collections.Counter(c.key for c in self.bank)
         self._places = {key: max(count, CELLS.get(key[0], 1)) for key, count in found.items()}
 
+    @property
+    def places(self) -> int:
+        """How many independent places are searched: what chance is counted over."""
+        stations = self.comparison.data.stations
+        scanned = [
+            CELLS[effect] * len(at_stations(effect, recipe, stations))
+            for effect, recipes in RECIPES.items()
+            for recipe in recipes
+            if recipe.scanned and effect not in self._without
+        ]
+        return sum(self._places.values()) + sum(scanned)
+
     def _scanned(self, residual: np.ndarray) -> list[Candidate]:
         """Return the places at which the remainder itself says that effects of sharp shape should begin."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         for effect, recipes in RECIPES.items():
             for recipe in recipes:
-                if not recipe.scanned:
+                if not recipe.scanned or effect in self._without:
                     continue
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
@@ -395,7 +409,7 @@ class Search(Fitting):
         promising = self._promising(residual, have)
         chosen: dict[tuple, list] = {}
         for gain, candidate, values in promising:
-            if gain < 9.0:
+            if gain < _LEAST:
                 break
             begun = chosen.setdefault((candidate.key, candidate.free), [])
             if len(begun) < _STARTS:
@@ -404,7 +418,8 @@ class Search(Fitting):
         base = [(e.candidate, e.values) for e in current.effects] if current else []
         starts = []
         for starts_of in kinds:
-            at = [self.fit([*base, (candidate, values)], _FIRST_STEPS) for _, candidate, values in starts_of]
+            steps = _FIRST_STEPS if len(starts_of) > 1 else 0
+            at = [self.fit([*base, (candidate, values)], steps) for _, candidate, values in starts_of]
             starts.append(min(at, key=lambda f: f.misfit))
         results = []
         for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):

@@ -17,21 +17,20 @@ from drfmcw_sim.effects import Effect
 
 from . import wording
 from .engine import check, diagnose_dataset
-from .report import render_html
 from .result import BeforeAfter, Diagnosis
 from .window import Snapshot, Window
 
 OK, WARN, STALE = 'ok', 'warn', 'stale'
 """How a statement is to be taken."""
 
-_SILENT = 10.0  # without new sweeps, after which what was said counts as stale [s]
+_SILENT = 10.0  # without sweeps, after which what was said counts as stale [s]
 
 
 @dataclasses.dataclass(frozen=True)
 class WatchSettings:
     """When the window is looked at, and what is worth a warning."""
 
-    period: float = parameter(10.0, unit='s', bounds=(0.5, 3600.0), description='between two looks at the window')
+    period: float = parameter(30.0, unit='s', bounds=(0.5, 3600.0), description='between two looks at the window')
     fewest: int = parameter(96, bounds=(12, 5000), description='sweep pairs below which nothing is judged')
     false_alarm_rate: float = parameter(
         1e-4, bounds=(1e-9, 0.1), description='accepted chance, at each look, of a mismatch where there is none'
@@ -78,7 +77,6 @@ class Judgement:
     searching: bool = False  # a search is under way, another judgement follows
     diagnosis: Diagnosis | None = None  # of the search
     written: str = ''  # directory with the finding
-    not_written: str = ''  # why it could not be written
 
 
 def judge(order: Order) -> Iterator[Judgement]:
@@ -92,44 +90,29 @@ def judge(order: Order) -> Iterator[Judgement]:
         checked = Judgement('', len(data), start, end, chance, misfit, failed, search)
         yield checked
         if search:
-            out, reason = _directory(order, end)
+            out = order.findings / utc(end).replace(':', '').replace('-', '') if order.findings else None
             found = diagnose_dataset(data, order.false_alarm_rate, out, command='./drfmcw watch')
-            if out is not None:
-                reason = _write(found, checked, out)
-            kept = out if found.verdict != 'consistent' and not reason else None
-            yield dataclasses.replace(
-                checked, searching=False, diagnosis=found, written=str(kept or ''), not_written=reason
-            )
-    except ConfigurationError as error:
+            kept = out is not None and found.verdict != 'consistent'
+            if kept:
+                _write(found, checked, out)
+            yield dataclasses.replace(checked, searching=False, diagnosis=found, written=str(out) if kept else '')
+    except (ConfigurationError, OSError) as error:
         yield Judgement(str(error))
 
 
-def _directory(order: Order, end: int) -> tuple[Path | None, str]:
-    """Return a directory for what is found in a window that ends at `end` [ns], or None and why there is none."""
-    if order.findings is None:
-        return None, ''
-    path = order.findings / utc(end).replace(':', '').replace('-', '')
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        return None, f'{path}: {error.strerror}'
-    return path, ''
+def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> None:
+    """Write a finding and its report into a directory, where its refined model may stand already.
 
+    Raises:
+        ConfigurationError, OSError: the place cannot be written.
+    """
+    from .report import render_html  # the only place that needs matplotlib; it takes half a second at every look
 
-def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> str:
-    """Write a finding beside its refined model, and no consistent one; return why it cannot be written."""
-    try:
-        if diagnosis.verdict == 'consistent':
-            out.rmdir()
-            return ''
-        window = {'sweeps': checked.sweeps, 'from': utc(checked.start), 'to': utc(checked.end)}
-        finding = diagnosis.as_object() | {'window': window}
-        write_atomically(out / 'finding.json', json.dumps(finding, indent=2) + '\n')
-        refined = Path(diagnosis.refined_config).read_text(encoding='utf-8') if diagnosis.refined_config else ''
-        write_atomically(out / 'report.html', render_html(diagnosis, refined))
-    except (ConfigurationError, OSError) as error:
-        return str(error)
-    return ''
+    out.mkdir(parents=True, exist_ok=True)
+    window = {'sweeps': checked.sweeps, 'from': utc(checked.start), 'to': utc(checked.end)}
+    write_atomically(out / 'finding.json', json.dumps(diagnosis.as_object() | {'window': window}, indent=2) + '\n')
+    refined = Path(diagnosis.refined_config).read_text(encoding='utf-8') if diagnosis.refined_config else ''
+    write_atomically(out / 'report.html', render_html(diagnosis, refined))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,7 +141,8 @@ class Watch:
         self._failed = False
         self._due = -math.inf  # next look [s]
         self._search_due: float | None = None  # [s]
-        self._seen, self._changed = 0, -math.inf  # newest sweep [ns], and when it came [s]
+        self._searched = 0  # newest sweep of the last search [ns]
+        self._received, self._heard = 0, -math.inf  # sweeps, and when the last one came [s]
         self._looked_at = 0  # newest sweep of the last look [ns]
 
     def order(self, now: float) -> Order | None:
@@ -168,8 +152,6 @@ class Watch:
             now: on any clock that runs on [s].
         """
         newest = self.window.newest
-        if newest != self._seen:
-            self._seen, self._changed = newest, now
         if now < self._due or newest == self._looked_at or self._lacking():
             return None
         if self._search_due is None:
@@ -186,7 +168,7 @@ class Watch:
             return f'waiting for {", ".join(unknown)}'
         needed = min(self.settings.fewest, self.window.settings.sweeps)
         if (count := self.window.complete) < needed:
-            return f'too few sweeps to judge: {count} of {needed} with the records of both stations'
+            return f'too few sweeps to judge: {count} of {needed} complete'
         return ''
 
     def take(self, judgement: Judgement, now: float) -> None:
@@ -203,7 +185,7 @@ class Watch:
         diagnosis = judgement.diagnosis
         if diagnosis is None:
             return
-        self._search_due = now + self.settings.search_interval
+        self._search_due, self._searched = now + self.settings.search_interval, judgement.end
         worth = diagnosis.verdict != 'consistent' and not self._is_expected(diagnosis)
         self._explained = None if worth or diagnosis.verdict == 'consistent' else diagnosis
         if worth:
@@ -218,10 +200,13 @@ class Watch:
 
     def statement(self, now: float) -> Statement:
         """Return what is to be said."""
+        if self.window.received != self._received:
+            self._received, self._heard = self.window.received, now
         level, message = self._said(now)
         values: dict[str, str | float | int] = {
+            'records received': self.window.received,
             'sweeps in the window': len(self.window),
-            'with the records of both stations': self.window.complete,
+            'complete, with the records of all stations heard': self.window.complete,
             'samples in the window [MB]': self.window.size / 1e6,
         }
         if (judged := self._judged) is not None:
@@ -232,6 +217,7 @@ class Watch:
                 'span [s]': (judged.end - judged.start) * 1e-9,
                 'chance of what the model leaves over': judged.chance,
                 'misfit per degree of freedom': judged.misfit,
+                'last full search': utc(self._searched) if self._searched else 'none yet',
             }
         if self.finding is not None:
             values |= _values(self.finding)
@@ -264,8 +250,8 @@ class Watch:
             message = f'{message} again, for {now - since:.0f} s; before: {self.described(gone)}'
         if self._problem:
             return WARN, f'the newest sweeps could not be judged: {self._problem}; before: {message}'
-        if now - self._changed > max(_SILENT, 2.0 * self.settings.period):
-            return STALE, f'no new sweep for {now - self._changed:.0f} s; before: {message}'
+        if now - self._heard > _SILENT:
+            return STALE, f'no sweep for {now - self._heard:.0f} s; before: {message}'
         return level, message
 
     @staticmethod
@@ -311,8 +297,8 @@ def _values(judgement: Judgement) -> dict[str, str | float | int]:
     for key, figure in (('mean range error', diagnosis.fit.range_bias), ('scatter of range', diagnosis.fit.range_std)):
         if isinstance(figure, BeforeAfter):
             values |= {f'{key} before [m]': figure.before, f'{key} after [m]': figure.after}
-    if judgement.written or judgement.not_written:
-        values['written to'] = judgement.written or f'not written: {judgement.not_written}'
+    if judgement.written:
+        values['written to'] = judgement.written
     return values
 
 

@@ -60,7 +60,7 @@ class Snapshot:
             ConfigurationError: nothing usable, or what does not fit together.
         """
         stations = tuple(dict.fromkeys(self.conditions.ordered(self.pair) or self.pair))
-        return assembled(f'the live window of {" and ".join(self.pair)}', self.conditions, stations, self.sweeps)
+        return assembled(f'the live window of {" and ".join(stations)}', self.conditions, stations, self.sweeps)
 
 
 class Window:
@@ -72,6 +72,8 @@ class Window:
         self.pair = (first, second)
         self._conditions = Conditions(_CONDITIONS)
         self._settings = settings or WindowSettings()
+        self.received = 0
+        """Records of the pair's sweeps that have come, kept or not."""
         self._forget_sweeps()
 
     def _forget_sweeps(self) -> None:
@@ -97,8 +99,9 @@ class Window:
 
     @property
     def complete(self) -> int:
-        """Number of sweeps of which the records of both stations are kept."""
-        return sum(len(e.records) == len(set(self.pair)) for e in self._entries)
+        """Number of sweeps with the records of all stations that are heard at all."""
+        heard = len({station for e in self._entries for station in e.records})
+        return sum(len(e.records) == heard for e in self._entries)
 
     @property
     def newest(self) -> int:
@@ -121,6 +124,7 @@ class Window:
         """Take in sweeps in any order; those with other peers, between bursts, or too old are left out."""
         for sweep in sweeps:
             if {sweep.station, sweep.peer} == set(self.pair):
+                self.received += 1
                 self._add(sweep)
 
     def _add(self, sweep: Sweep) -> None:
@@ -178,11 +182,7 @@ class Window:
 
     def snapshot(self) -> Snapshot:
         """Return what is kept, without sweeps whose partner may still come; valid until the next message."""
-        waiting = self.newest - PAIRING if self.complete else 0
-        sweeps = [
-            record
-            for e in self._entries
-            if len(e.records) == len(set(self.pair)) or not waiting or e.stamp < waiting
-            for record in e.records.values()
-        ]
+        heard = len({station for e in self._entries for station in e.records})
+        settled = [e for e in self._entries if len(e.records) == heard or e.stamp < self.newest - PAIRING]
+        sweeps = [record for e in settled for record in e.records.values()]
         return Snapshot(self.pair, sweeps, self._conditions)

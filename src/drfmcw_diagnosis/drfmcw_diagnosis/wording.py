@@ -31,7 +31,7 @@ LEVEL_WORDS = {
     'range': 'range',
 }
 
-TELLING = 0.5
+TELLING = 1.0
 """Separation below which a measurement tells nothing [standard deviations]."""
 
 _UNITS = {'1': '', '1e-6': '·10⁻⁶', 'm^2': 'm²', 'degC': '°C'}
@@ -47,6 +47,8 @@ _FURTHER = 2  # measurements that they name after the best
 
 def scaled(magnitude: float, unit: str) -> tuple[float, str]:
     """Return (factor, unit as shown) that suit a number as large as `magnitude` [unit]."""
+    if not magnitude:
+        return 1.0, _UNITS.get(unit, unit)
     for smallest, factor, shown in _PREFIXES.get(unit, ()):
         if abs(magnitude) >= smallest:
             return factor, shown
@@ -443,7 +445,7 @@ def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
     """Return which rivals a measurement would rule out, in words."""
     rivals = diagnosis.alternatives
     if measurement.decides == len(rivals):
-        return 'the rival' if len(rivals) == 1 else f'all {len(rivals)} rivals'
+        return {1: 'the rival', 2: 'both rivals'}.get(len(rivals), f'all {len(rivals)} rivals')
     told = zip(rivals, measurement.separations, strict=True)
     return ', '.join(explanation_title(r) for r, s in told if s >= SEPARABLE) or 'none'
 

@@ -142,8 +142,13 @@ def point_seed(seed: int, conditions: Any) -> int:
 
 
 @functools.cache
-def versions(packages: tuple[str, ...]) -> dict[str, str]:
-    """Return what besides the study decides the bits of a result: versions, and a digest of the packages' code."""
+def versions(packages: tuple[str, ...], without: tuple[str, ...] = ()) -> dict[str, str]:
+    """Return what besides the study decides the bits of a result: versions, and a digest of the packages' code.
+
+    Args:
+        packages: names.
+        without: files of them, such as 'report.py', that decide nothing.
+    """
     import scipy
 
     found = {'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__}
@@ -154,7 +159,8 @@ def versions(packages: tuple[str, ...]) -> dict[str, str]:
         folder = Path(spec.origin).parent
         digest = hashlib.sha256()
         for path in sorted(folder.rglob('*.py')):
-            digest.update(f'{path.relative_to(folder)}\n'.encode() + path.read_bytes())
+            if path.name not in without:
+                digest.update(f'{path.relative_to(folder)}\n'.encode() + path.read_bytes())
         found[package] = digest.hexdigest()[:16]
     return found
 

@@ -152,6 +152,11 @@ def _relative(change: np.ndarray, carrier: np.ndarray, on: np.ndarray) -> np.nda
     return np.where(on, analytic / np.where(on, carrier, 1.0), 0.0)
 
 
+def _is_heard(before: Scene, after: Scene, station: int) -> bool:
+    """Return whether something acts on what a station receives, noise and all."""
+    return any(hooks[station] for scene in (before, after) for hooks in (scene.analogue, scene.digital))
+
+
 def _changes(before: Scene, after: Scene, rows: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
     """Return the relative changes of both stations under two realisations of the noise, and where signals are on."""
     first, again, supports = [], [], []
@@ -162,7 +167,7 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> tuple[list[np.nda
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
         smooth = np.where(on, smooth, 0.0)
         pair = [smooth, smooth]
-        if after.analogue[s] or after.digital[s]:
+        if _is_heard(before, after, s):
             for i in (0, 1):
                 random = before.stream(Stream.EFFECT, 99, i, s, int(rows[0]))
                 noise = random.standard_normal(new.shape) * before.noise_std(s)[rows, None]
@@ -206,11 +211,24 @@ def matched_size(
         background: others, which are there before and after.
         most: sweeps computed of each setting; the others are taken to be like them.
     """
-    before = conceal(nominal(condition), background)
-    bursts = conceal(nominal(condition), effects).burst_power
-    coherent = [e for e in effects if e.effect != 'interference_burst']
-    after = conceal(conceal(nominal(condition), background), coherent)
-    nothing_heard = not any((after.analogue[s] or after.digital[s]) for s in (FIRST, SECOND))
+    return _between(condition, background, [*background, *effects], most)
+
+
+def separation(condition: Condition, explained: Sequence[Applied], truth: Sequence[Applied], most: int = 4) -> float:
+    """Return how far apart the data of two sets of effects lie, in standard deviations, as d counts them."""
+    return _between(condition, explained, truth, most).total
+
+
+def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Applied], most: int) -> MatchedSize:
+    """Return the matched signal-to-noise of what changes from one set of effects to the other."""
+
+    def scene(effects: Sequence[Applied]) -> Scene:
+        return conceal(nominal(condition), [e for e in effects if e.effect != 'interference_burst'])
+
+    before, after = scene(some), scene(all_)
+    changed = [e for e in (*some, *all_) if (e in some) != (e in all_)]
+    bursts = conceal(nominal(condition), changed).burst_power
+    nothing_heard = not any(_is_heard(before, after, s) for s in (FIRST, SECOND))
     noise = shape = ranging = amplitude = phase = balance = 0.0
     reference = after.reference() - before.reference()  # the nominal model takes a reading for the distance
     for setting in range(len(condition.distances)):

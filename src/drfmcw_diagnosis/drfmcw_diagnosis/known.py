@@ -1,0 +1,88 @@
+"""What settings, calibrations, weather and reference tell of a recording: what they do not tell is not compared."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+
+from .dataset import Dataset
+
+FEWEST = 3
+"""Sweeps of a group that tell their scatter; smaller groups are left out."""
+
+BEAT_LIMIT = 10.0
+"""What T_off is trusted to on average, in the sum of both beat frequencies [Hz]."""
+
+_AIR_LIMIT = 3e-5  # refractivity of unknown weather may differ from the default's by so much, a tenth of it
+
+
+class Known:
+    """What is known to expect in each group of sweeps: G groups, S stations with samples."""
+
+    def __init__(self, data: Dataset, heard: Sequence[int], members: Sequence[np.ndarray], scatters: bool) -> None:
+        """Remember what is compared.
+
+        Args:
+            data: the recording.
+            heard: numbers of the stations with samples.
+            members: sweeps of each group.
+            scatters: the groups' sweeps are enough to tell their scatter.
+        """
+        self._data, self._heard, self._members, self._scatters = data, heard, members, scatters
+        self._alone = len(heard) < len(data.stations)
+        self._delays = not any(f'/{station}/calibration' in data.lacking for station in data.stations)
+        self._referenced = np.array([np.isfinite(data.reference[m]).all() for m in members])
+
+    def range(self) -> np.ndarray:
+        """Return in which groups the reference tells what a range of calibrated delays should be (G,)."""
+        return self._referenced & self._delays
+
+    def range_limit(self) -> np.ndarray:
+        """Return what the range is trusted to beyond its noise (G,) [m]: zero where air and T_off are known."""
+        limit = np.zeros(len(self._members))
+        if any(topic.startswith('/site/') for topic in self._data.lacking):
+            limit = _AIR_LIMIT * np.array([self._data.distance[m].mean() for m in self._members])
+        if self._alone:  # T_off stands in the range of one line
+            start_delay = BEAT_LIMIT / (2.0 * abs(self._data.sweeps[0][0].chirp_rate))
+            limit = np.hypot(limit, start_delay * SPEED_OF_LIGHT)
+        return limit
+
+    def distance(self) -> np.ndarray:
+        """Return in which groups the distance is known beyond doubt (G,)."""
+        # one line of two stations tells the distance no better than T_off is known
+        return self._referenced | (self._delays and not self._alone)
+
+    def power(self) -> np.ndarray:
+        """Return where the link budget tells the received power (G, S)."""
+        told = []
+        for m in self._members:
+            sweeps = self._data.sweeps[self._data.setting[m[0]]]
+            told.append([np.isfinite(sweeps[-1 - i].tx_eirp + sweeps[i].rx_antenna_gain) for i in self._heard])
+        return np.array(told) & self.distance()[:, None]
+
+    def noise(self) -> np.ndarray:
+        """Return of which stations the calibrations tell floor and skirts (S,)."""
+        skirts = all(np.isfinite(c.phase_noise_level + c.phase_noise_corner) for c in self._data.calibration)
+        return np.array([skirts and not self._data.noise_measured[i] for i in self._heard])
+
+    def untold(self) -> tuple[str, ...]:
+        """Return what these samples cannot tell, in sentences."""
+        said = []
+        if self._alone:
+            said.append(
+                f"Station '{self._data.stations[self._heard[0]]}' alone tells no movement by its phase, and of the "
+                "oscillators' noise nothing cancels: small effects on the chirps hide in it"
+            )
+        if not self.distance().all():
+            said.append('Received power is not compared where the distance is not known well enough')
+        if self._data.iq:
+            said.append('Negative frequencies of the I/Q samples are not compared')
+        if not self.noise().all():
+            said.append('Noise is not compared: what the calibrations tell of it is incomplete')
+        if not self._scatters:
+            said.append(
+                f'Fewer than {FEWEST} sweeps under the same conditions: they count as disturbed by white noise alone, '
+                'whatever else changes from sweep to sweep passes for a mismatch'
+            )
+        return tuple(said)
