@@ -41,7 +41,7 @@ _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
-_DISTORTED = 12  # sweeps simulated per group where an effect distorts the IF
+_DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
 _OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
 _KIND = 'U9'  # the longest name
@@ -91,6 +91,7 @@ class Comparison:
         self.standing = np.abs(self.slope) < _STANDING * np.where(known, self.slope_std, np.inf)
         self.measured, self.std = self._measure()
         self._plain_power: dict[int, np.ndarray] = {}
+        self._undistorted: dict[int, np.ndarray] = {}  # by the first group of a part
         self.plain = self.predict(())
         self.std = dataclasses.replace(self.std, noise=np.hypot(self.std.noise, self._noise_limit()))
         self.entries = self._layout()
@@ -343,13 +344,17 @@ class Comparison:
 
     def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
-        levels = []
-        for acting in (effects, ()):
-            features = self._distorted(part, acting, True)
-            levels.append(
-                [self._bands(p, line, _DISTORTED)[0] for p, line in zip(features.power, features.line, strict=True)]
-            )
-        return np.nan_to_num(np.array(levels[0]) - np.array(levels[1]))
+        first = int(part.groups[0])
+        if first not in self._undistorted:
+            self._undistorted[first] = self._noisy_bands(part, ())
+        return np.nan_to_num(self._noisy_bands(part, effects) - self._undistorted[first])
+
+    def _noisy_bands(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the noise in bands of noisy sweeps (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
+        features = self._distorted(part, effects, True)
+        return np.array(
+            [self._bands(p, line, _DISTORTED)[0] for p, line in zip(features.power, features.line, strict=True)]
+        )
 
     def _amplitudes(self, group: int, count: int) -> np.ndarray:
         """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""

@@ -116,8 +116,19 @@ class Fitting:
     def _template(self, effects: Sequence[Effect]) -> np.ndarray:
         return self.comparison.template(effects)
 
-    def fit(self, start: Sequence[tuple[Candidate, dict[str, float]]], steps: int = _STEPS) -> Fitted:
-        """Fit the parameters of effects together, from given values."""
+    def fit(
+        self,
+        start: Sequence[tuple[Candidate, dict[str, float]]],
+        steps: int = _STEPS,
+        beside: np.ndarray | float = 0.0,
+    ) -> Fitted:
+        """Fit the parameters of effects together.
+
+        Args:
+            start: effects with the values at which the fit begins.
+            steps: at most, of Levenberg and Marquardt's method.
+            beside: template of other effects that stay as they are; the result's template contains it.
+        """
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
@@ -131,7 +142,7 @@ class Fitting:
                 values[i][name] = float(min(max(value, low), high))
             return [c.build(v) for c, v in zip(chosen, values, strict=True)]
 
-        template = self._template(effects_at(point))
+        template = beside + self._template(effects_at(point))
         misfit = self.misfit(template)
         damping = 1e-3
         normal = np.eye(len(point))
@@ -143,7 +154,7 @@ class Fitting:
                 moved[k] += step
                 if moved[k] > limits[k][1]:
                     moved[k] = point[k] - step
-                slope[k] = (self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
+                slope[k] = (beside + self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
             normal = slope @ slope.T
             gradient = slope @ ((y - template) * self._weight)
             improved = False
@@ -151,7 +162,7 @@ class Fitting:
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
                 trial = point + np.linalg.lstsq(matrix, gradient, rcond=None)[0]
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
-                other = self._template(effects_at(trial))
+                other = beside + self._template(effects_at(trial))
                 value = self.misfit(other)
                 if value < misfit:
                     improved = True
@@ -161,7 +172,7 @@ class Fitting:
                 break
             gain, misfit, point, template = misfit - value, value, trial, other
             damping *= 0.2
-            if gain < 0.01:
+            if gain < max(0.01, 1e-6 * misfit):
                 break
         covariance = np.linalg.pinv(normal + np.diag(1e-12 / prior**2))
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -404,7 +415,8 @@ class Search(Fitting):
 
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
-        residual = self.comparison.residual - (current.template if current else 0.0)
+        beside = current.template if current else 0.0
+        residual = self.comparison.residual - beside
         have = {e.key for e in current.effects} if current else set()
         promising = self._promising(residual, have)
         chosen: dict[tuple, list] = {}
@@ -418,13 +430,18 @@ class Search(Fitting):
         base = [(e.candidate, e.values) for e in current.effects] if current else []
         starts = []
         for starts_of in kinds:
-            steps = _FIRST_STEPS if len(starts_of) > 1 else 0
-            at = [self.fit([*base, (candidate, values)], steps) for _, candidate, values in starts_of]
+            # a distortion takes long; one linear place is as good as its promise
+            linear = len(starts_of) == 1 and starts_of[0][1].recipe.size
+            distorts = Effect.registry[starts_of[0][1].effect].distorts()
+            steps = 0 if linear or distorts else _FIRST_STEPS
+            at = [self.fit([(candidate, values)], steps, beside) for _, candidate, values in starts_of]
             starts.append(min(at, key=lambda f: f.misfit))
         results = []
+        enough = self.misfit(beside) - _LEAST
+        starts = [f for f in starts if f.misfit < enough]
         for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):
             self._progress('refinement', number / _REFINED)
-            results.append(self.fit([(e.candidate, e.values) for e in start.effects]))
+            results.append(self.fit([*base, *((e.candidate, e.values) for e in start.effects)]))
         return sorted(results, key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
