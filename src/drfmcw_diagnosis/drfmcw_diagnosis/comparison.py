@@ -14,6 +14,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.phase_noise import combination_gain
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements, Station, synthesise
 
 from .dataset import Dataset
@@ -208,16 +209,22 @@ class Comparison:
         variance, mean_variance = self.parts[0].extract.white_noise(sweeps, white)
         return variance[:, None], mean_variance
 
-    def _floor(self, station: Station) -> np.ndarray:
-        """Return the variance of a sample without skirts (n,) [LSB^2], of both of its parts with iq."""
-        return (station.noise_std() ** 2 + QUANTISATION) * (2.0 if self.data.iq else 1.0)
+    def _floor(self, station: Station, passed: np.ndarray) -> np.ndarray:
+        """Return the variance of a sample without skirts (n, k) [LSB^2], of both of its parts with iq.
+
+        Args:
+            station: n sweeps of it.
+            passed: share of the noise before the ADC that filters leave (k,).
+        """
+        before = station.noise_std()[:, None] ** 2 * passed
+        return (before + QUANTISATION) * (2.0 if self.data.iq else 1.0)
 
     def _noise_limit(self) -> np.ndarray:
         """Return what the model of the noise in bands is trusted to (G, S, BANDS) [dB]: less where a skirt rules."""
         limit = np.empty(self.plain.noise.shape)
         for part in self.parts:
-            floor = np.array([self._floor(part.steady.stations[i]) for i in self.heard]).T
-            share = 1.0 - floor[..., None] / 10.0 ** (self.plain.noise[part.groups] / 10.0)
+            floor = np.stack([self._floor(part.steady.stations[i], np.ones(1)) for i in self.heard], axis=1)
+            share = 1.0 - floor / 10.0 ** (self.plain.noise[part.groups] / 10.0)
             limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
         return limit
 
@@ -263,7 +270,7 @@ class Comparison:
             features = self._simulated(part, effects)
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
-            quiet = self._predicted_noise(state, features.line, features.amplitude)
+            quiet = self._predicted_noise(state, effects, features.line, features.amplitude)
             velocity = self._velocity(part.steady, effects)
             distorting = any(e.distorts() for e in effects)
             changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
@@ -424,14 +431,32 @@ class Comparison:
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
         return [way[local] - way[local].mean() for local in part.local]
 
-    def _predicted_noise(self, state: Measurements, line: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    def _filtered(
+        self, station: Station, state: Measurements, effects: Sequence[Effect], frequency: np.ndarray
+    ) -> np.ndarray:
+        """Return by how much the filters among `effects` pass power at frequencies (...) of a station's IF."""
+        filters = [e for e in effects if e.stage == Stage.FILTER and e.applies_to(station.name)]
+        if not filters:
+            return np.ones(frequency.shape)
+        one = state.rows(slice(0, 1))
+        count = station.sweep.sample_count
+        impulse = np.zeros((1, count, 2) if self.data.iq else (1, count), np.float32)
+        impulse[0, count // 2] = 1.0  # a cut at the Nyquist frequency rings both ways
+        for effect in filters:
+            effect.receive(impulse, next(s for s in one.stations if s.name == station.name), one, list)
+        spectrum = np.abs(np.fft.rfft(impulse[..., 0] if self.data.iq else impulse, axis=1)[0]) ** 2
+        return np.interp(frequency, np.arange(len(spectrum)) * station.sweep.sample_rate / count, spectrum)
+
+    def _predicted_noise(
+        self, state: Measurements, effects: Sequence[Effect], line: np.ndarray, amplitude: np.ndarray
+    ) -> np.ndarray:
         """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS): floor and skirts."""
         rate = state.stations[0].sweep.sample_rate
         centre = (np.arange(BANDS * 16) + 0.5) * (rate / 2 / (BANDS * 16))
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
         result = np.empty((len(line), len(self.heard), BANDS))
         for number, heard in enumerate(self.heard):
-            floor = self._floor(state.stations[heard])
+            station = state.stations[heard]
             at, own = centre[None, :], line[:, number, None]
             offsets = np.stack([np.abs(at - own), np.minimum(at + own, rate - at - own)])
             power = 10.0 ** (amplitude[:, number] / 10.0) / 4.0
@@ -442,10 +467,14 @@ class Comparison:
                 density = density * combination_gain(offsets, state.paths[0].delay[:, None])
             density = density.sum(axis=0)
             inside = np.abs(at - own) < LINE * (rate / 2 / (self.measured.lines.shape[-1] - 1))
-            skirt = np.where(inside, np.nan, density * rate * power[:, None]).reshape(len(line), BANDS, 16)
+            passed = self._filtered(station, state, effects, centre)
+            # the line's own power has passed the filters already
+            share = passed / self._filtered(station, state, effects, line[:, number])[:, None]
+            total = self._floor(station, passed) + np.where(inside, np.nan, share * density * rate * power[:, None])
+            bands = total.reshape(len(line), BANDS, 16)
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', RuntimeWarning)  # a band that a line fills is not compared
-                result[:, number] = 10.0 * np.log10(floor[:, None] + np.nanmedian(skirt, axis=2))
+                result[:, number] = 10.0 * np.log10(np.nanmedian(bands, axis=2))
         return result
 
     # --- vectors ---
