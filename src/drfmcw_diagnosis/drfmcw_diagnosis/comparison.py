@@ -28,6 +28,7 @@ from .features import (
     median_of_mean,
     near_line,
     ramp_spectrum,
+    unevenness,
 )
 from .groups import Entries, Groups, Part, align, band_edges, joined, pooled, steady
 from .known import BEAT_LIMIT, FEWEST, Known
@@ -45,6 +46,7 @@ _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by
 _DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
 _OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
+_SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
 _KIND = 'U9'  # the longest name
 
 
@@ -131,6 +133,7 @@ class Comparison:
             ramp_variance, mean_variance = self._variances(sweeps, ramp, noise)
             ramp_std = np.full(ramp.shape[1:], np.inf)
             ramp_std[:, _FREE:] = np.sqrt(ramp_variance / n)
+            burst, burst_std = unevenness(sweeps.quiet) if self.scatters else (np.zeros((len(self.heard), 3)), np.inf)
             error = errors_of_range[g]
             movement, movement_std = self._movement(sweeps, standing and movement_told)
             values.append(
@@ -139,6 +142,7 @@ class Comparison:
                     power / around,
                     sweeps.mean.mean(axis=0),
                     sweeps.harmonic.mean(axis=0),
+                    burst,
                     noise,
                     sweeps.beat.mean(),
                     sweeps.amplitude.mean(axis=0),
@@ -153,6 +157,7 @@ class Comparison:
                     around,
                     np.maximum(np.sqrt(mean_variance), 0.01) / root,
                     harmonic_std[g] / root,
+                    burst_std,
                     noise_std,
                     np.hypot(beat_std[g] / root, BEAT_LIMIT),
                     np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
@@ -267,13 +272,17 @@ class Comparison:
             state = part.steady.rows(slice(None))
             for effect in sorted(effects, key=lambda e: e.stage):
                 effect.prepare(state)
-            features = self._simulated(part, effects)
+            features = self._simulated(part, [e for e in effects if not e.bursts()])
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
             quiet = self._predicted_noise(state, effects, features.line, features.amplitude)
             velocity = self._velocity(part.steady, effects)
             distorting = any(e.distorts() for e in effects)
             changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
+            burst = np.zeros((len(part.groups), len(self.heard), 3))
+            if any(e.bursts() for e in effects):
+                burst, louder = self._bursts(part, effects)
+                quiet = quiet + louder
             if not effects:
                 self._plain_power |= dict(zip(part.groups.tolist(), features.power, strict=True))
             for row, g in enumerate(part.groups.tolist()):
@@ -292,6 +301,7 @@ class Comparison:
                     around + added / self.std.lines[g],
                     features.mean[row],
                     features.harmonic[row],
+                    burst[row],
                     noise,
                     features.beat[row],
                     features.amplitude[row],
@@ -312,7 +322,7 @@ class Comparison:
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
         moved = align(part, rows, copies, self.sweeps)
-        features = self._mean_features(part, rows, effects, copies)
+        features = _mean(self._features(part, rows, effects), copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
@@ -321,25 +331,20 @@ class Comparison:
             features = dataclasses.replace(features, power=jittered.power, harmonic=jittered.harmonic)
         return features
 
-    def _mean_features(
-        self, part: Part, rows: Measurements, effects: Sequence[Effect], copies: int, noise: bool = False
+    def _features(
+        self, part: Part, rows: Measurements, effects: Sequence[Effect], noise: bool = False
     ) -> SweepFeatures:
-        """Return features of simulated sweeps, each the mean of its copies."""
+        """Return features of simulated sweeps."""
         samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self.heard)
-        features = part.extract(heard, rows.stations[self.heard[0]].full_scale, rows.refractive_index)
-        count = len(part.groups)
-        means = {
-            f.name: getattr(features, f.name).reshape(copies, count, *getattr(features, f.name).shape[1:]).mean(axis=0)
-            for f in dataclasses.fields(SweepFeatures)
-            if f.name not in ('time', 'carrier')
-        }
-        return dataclasses.replace(features, **means, carrier=features.carrier[:count])
+        return part.extract(heard, rows.stations[self.heard[0]].full_scale, rows.refractive_index)
 
-    def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
-        """Return mean features of sweeps with the start delays of measured ones, whose jitter harmonics multiply."""
-        copies, count = _DISTORTED, len(part.groups)
-        rows = part.steady.rows(np.tile(np.arange(count), copies))
+    def _jittered(self, part: Part, effects: Sequence[Effect], noise: bool, copies: int) -> SweepFeatures:
+        """Return features of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
+
+        Harmonics multiply the jitter.
+        """
+        rows = part.steady.rows(np.tile(np.arange(len(part.groups)), copies))
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
@@ -347,7 +352,11 @@ class Comparison:
         for number, heard in enumerate(self.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
         align(part, rows, copies, self.sweeps)
-        return self._mean_features(part, rows, effects, copies, noise)
+        return self._features(part, rows, effects, noise)
+
+    def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
+        """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
+        return _mean(self._jittered(part, effects, noise, _DISTORTED), _DISTORTED)
 
     def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
@@ -367,6 +376,26 @@ class Comparison:
         """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""
         amplitude = self.sweeps[group].amplitude
         return amplitude[np.linspace(0, len(amplitude) - 1, count).astype(int)] - amplitude.mean(axis=0)
+
+    def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].
+
+        Simulated among noise, as many sweeps as were measured, with the same noise as without them.
+        """
+        found = []
+        for acting in (effects, ()):
+            copies = max(map(len, part.local))
+            features = self._jittered(part, acting, True, copies)
+            count = len(part.groups)
+            quiet, power = (
+                x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power)
+            )
+            line = features.line.reshape(copies, count, -1).mean(axis=0)
+            uneven = np.array([unevenness(q)[0] for q in quiet])
+            bands = np.array([self._bands(p.mean(axis=0), at, copies)[0] for p, at in zip(power, line, strict=True)])
+            found.append((uneven, bands))
+        (uneven, bands), (even, plain) = found
+        return uneven - even, np.nan_to_num(bands - plain)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
@@ -495,6 +524,7 @@ class Comparison:
         yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
         yield 'mean', over('mean')
         yield 'harmonic', np.nan_to_num(over('harmonic'))
+        yield 'burst', over('burst')
         yield 'noise', np.nan_to_num(over('noise'))
         yield 'beat', np.reshape(over('beat'), (1, 1))
         yield 'amplitude', over('amplitude')[:, None]
@@ -524,8 +554,17 @@ class Comparison:
 
     def template(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
-        distorting = tuple(e for e in effects if e.distorts())
-        linear = tuple(e for e in effects if not e.distorts())
-        if distorting and linear:  # apart, as a distortion takes many sweeps to simulate
-            return self._vector(self.predict(distorting)) + self._vector(self.predict(linear))
-        return self._vector(self.predict(effects))
+        # apart, as a distortion or a burst takes many sweeps to simulate
+        apart = [tuple(e for e in effects if (e.distorts(), e.bursts()) == kind) for kind in _SIMULATED_APART]
+        return sum(self._vector(self.predict(part)) for part in apart if part) if effects else self._vector(self.plain)
+
+
+def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:
+    """Return the means of copies of sweeps, of each group."""
+    count = len(features.carrier) // copies
+    means = {
+        f.name: getattr(features, f.name).reshape(copies, count, *getattr(features, f.name).shape[1:]).mean(axis=0)
+        for f in dataclasses.fields(SweepFeatures)
+        if f.name not in ('time', 'carrier')
+    }
+    return dataclasses.replace(features, **means, carrier=features.carrier[:count])

@@ -7,6 +7,7 @@ interface's nuisances) and are taken out; what remains is
   noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
 - harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
+- burst: how unevenly over sweeps and spans of a sweep the power beside the line is spread;
 - noise: power of the spectrum in bands, lines left out;
 - beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
 - amplitude: received power;
@@ -42,6 +43,13 @@ BANDS = 8
 HARMONICS = (2, 3, 5)
 """Multiples of the line's phase at which distortion shows."""
 
+SPAN = 64
+"""Samples over which the power without the line is taken."""
+
+BURST = 2.2
+"""Times the median power, which no span of steady noise reaches."""
+
+_SPAN_SHARE = 0.1  # of the window's largest power that a span must have
 _CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
 _BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
 LINE = 64
@@ -70,6 +78,7 @@ class SweepFeatures:
     line: np.ndarray  # (n, S) frequency of each line [Hz]
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
+    quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
     beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
@@ -132,7 +141,7 @@ class Extractor:
         """
         parts = [self._chunk(tuple(x[i : i + 64] for x in samples), full_scale) for i in range(0, len(samples[0]), 64)]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, harmonic, beat, amplitude, delay, std, carrier, phase_std = found
+        ramp, power, line, mean, harmonic, quiet, beat, amplitude, delay, std, carrier, phase_std = found
         hardware = sum(c.delay for c in self.calibrations)
         velocity = SPEED_OF_LIGHT / index
         return SweepFeatures(
@@ -142,6 +151,7 @@ class Extractor:
             line=line,
             mean=mean,
             harmonic=harmonic,
+            quiet=quiet,
             beat=beat,
             amplitude=amplitude,
             range=(delay - hardware) * velocity,
@@ -193,6 +203,13 @@ class Extractor:
             np.stack(
                 [
                     self._harmonics(x, e.frequency, w, s.sweep)
+                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                ],
+                axis=1,
+            ),
+            np.stack(
+                [
+                    self._without_line(x, e.frequency, w, s.sweep)
                     for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
                 ],
                 axis=1,
@@ -252,6 +269,25 @@ class Extractor:
         stacked = np.stack(found, axis=1)
         return np.concatenate([stacked.real, stacked.imag], axis=1)
 
+    def _without_line(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return the power of one station's IF without its line in spans of the sweep (n, T) [LSB^2]."""
+        weights = (weights / weights.max()).astype(np.float32)
+        transform = np.fft.fft if self.iq else np.fft.rfft
+        spectrum = transform(_complex(samples, self.iq) * weights, axis=1)
+        bins = len(weights) // 2 + 1
+        masked = near_line(bins, frequency, sweep.sample_rate / len(weights), sweep.sample_rate)
+        spectrum[:, :bins][masked] = 0.0
+        if self.iq:
+            spectrum[:, bins:][masked[:, -2:0:-1]] = 0.0
+        left = np.fft.ifft(spectrum) if self.iq else np.fft.irfft(spectrum, len(weights))
+        spans = len(weights) // SPAN
+        power = (np.abs(left[:, : spans * SPAN]) ** 2).reshape(len(left), spans, SPAN).mean(axis=2)
+        expected = (weights[: spans * SPAN] ** 2).reshape(spans, SPAN).mean(axis=1)
+        clear = expected > _SPAN_SHARE
+        return power[:, clear] / expected[clear]
+
     def _path(self, estimates, row: int):
         """Return the combined delay of one sweep pair."""
         shares = []
@@ -296,6 +332,34 @@ def gaussian(ratio: np.ndarray, count: int) -> np.ndarray:
 def median_of_mean(count: int) -> float:
     """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
     return (1.0 - 1.0 / (9.0 * count)) ** 3
+
+
+def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how unevenly power is spread, (S, 3), and its deviation under steady noise.
+
+    By which the mean of the spans' squares over the sweeps exceeds its median; the share of sweeps with a span of
+    more than `BURST` times the median, and the share of such spans.
+
+    Args:
+        quiet: power of n sweeps in spans (n, S, T).
+    """
+    n, _, spans = quiet.shape
+    over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
+    square = np.mean(over**2, axis=2)
+    middle = np.median(square, axis=0)
+    spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
+    share, sweeps = np.mean(over > BURST, axis=(0, 2)), np.mean(over.max(axis=2) > BURST, axis=0)
+    return (
+        np.stack([square.mean(axis=0) - middle, sweeps, share], axis=1),
+        np.stack(
+            [
+                1.6 * np.maximum(spread, 1e-9) / np.sqrt(n),  # of mean less median
+                np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
+                np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
+            ],
+            axis=1,
+        ),
+    )
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

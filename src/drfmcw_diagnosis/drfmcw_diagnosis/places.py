@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from .comparison import Comparison
-from .features import LINE
+from .features import BURST, LINE, SPAN
 
 _FINE = 8  # transform bins per resolution cell
 _PEAKS = 3  # places of each effect
@@ -42,19 +42,29 @@ CELLS = {
     'sway': 1000,
     'clipping': 20,
     'compression': 6,
+    'interference_burst': 30,
 }
 """Independent places among which each search chooses, by effect."""
 
 
-def places(comparison: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
-    """Return values of an effect's sharp parameter at which it promises most, best first.
+def places(
+    comparison: Comparison, residual: np.ndarray, effect: str, station: int, parameter: str
+) -> list[dict[str, float]]:
+    """Return values at which an effect promises most, best first.
 
     Args:
         comparison: recording and model.
         residual: whitened remainder.
         effect: one of `CELLS`.
         station: its number, -1 for none.
+        parameter: the one that makes the effect sharp.
     """
+    if effect == 'interference_burst':
+        return _bursts(comparison, residual, station) if station >= 0 else []
+    return [{parameter: value} for value in _values(comparison, residual, effect, station)]
+
+
+def _values(comparison: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
     if effect == 'echo':
         return _echoes(comparison, residual)
     if effect == 'ground_reflection':
@@ -221,6 +231,33 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
     full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
     strongest = float(c.measured.amplitude[:, station].max()) - full_scale
     return tuple(np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+
+
+def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str, float]]:
+    """Return what the sweeps with loud spans say of bursts; nothing where power is spread evenly."""
+    z = residual[c.entries.where(kind='burst', station=station)]
+    if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > _SUSPICION:
+        return []
+    shares, levels, lengths = [], [], []
+    for features in c.sweeps:
+        quiet = features.quiet[:, station]
+        loud = quiet > BURST * np.median(quiet)
+        shares.append(loud.any(axis=1))
+        levels.append((quiet[loud] - np.median(quiet)))
+        lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
+    share = float(np.mean(np.concatenate(shares)))
+    if share == 0.0:
+        return []
+    sweep = c.data.sweeps[0][c.heard[station]]
+    bandwidth = 2.0 * LINE / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
+    power = float(np.mean(np.concatenate(levels))) / max(1.0 - bandwidth, 0.5)
+    full_scale = float(np.median(c.data.full_scale[c.heard[station]]))
+    duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
+    level = 10.0 * math.log10(2.0 * power / full_scale**2)
+    return [
+        {'probability': min(share * more, 1.0), 'level': level + higher, 'duration': duration}
+        for more, higher in ((1.2, 0.0), (1.5, -2.0))
+    ]
 
 
 def _spurs(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:

@@ -34,6 +34,7 @@ _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot
 _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
+_BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
@@ -198,41 +199,17 @@ class Fitting:
         entries = self.comparison.entries
         if fitted is None:
             return np.zeros(len(entries.kind))
-        lines = entries.where(kind='lines')
-        size = np.abs(fitted.template)
-        if not any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects):
-            return np.where(lines, _LINES_TRUST, _TRUST) * size
-        # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
-        bins = self.comparison.measured.lines.shape[-1]
-        size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
-        return np.where(lines | entries.where(kind='noise'), _HARMONICS_TRUST, _TRUST) * size
-
-    def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
-        """Return what each kind of number still holds, least probable first.
-
-        What the forward models may be off by counts as noise, see `doubt`.
-        """
-        c = self.comparison
-        template = fitted.template if fitted else np.zeros(len(c.residual))
-        rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
-        found = []
-        for kind, station in c.entries.kinds():
-            z = rest[c.entries.where(kind=kind, station=station)]
-            z = z[z != 0.0]
-            if len(z) < 4:
-                continue
-            # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
-            freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
-            chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
-            largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
-            tests = [chi, largest]
-            if kind == 'ramp':
-                tests += _common(rest[c.entries.where(kind=kind, station=station)].reshape(len(c.members), -1))
-            probability = min(1.0, len(tests) * min(tests))
-            found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
-        count = len(found)
-        found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
-        return sorted(found, key=lambda f: f.probability)
+        lines, size = entries.where(kind='lines'), np.abs(fitted.template)
+        trust = np.where(lines, _LINES_TRUST, _TRUST)
+        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
+        if any(e.distorts() for e in registered):
+            # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
+            bins = self.comparison.measured.lines.shape[-1]
+            size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
+            trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
+        if any(e.bursts() for e in registered):
+            trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
+        return trust * size
 
 
 class Search(Fitting):
@@ -295,8 +272,8 @@ class Search(Fitting):
                     continue
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
-                    for value in places(self.comparison, residual, effect, number):
-                        found.append(Candidate(effect, station, recipe, dict(recipe.start) | {recipe.scanned: value}))
+                    for place in places(self.comparison, residual, effect, number, recipe.scanned):
+                        found.append(Candidate(effect, station, recipe, dict(recipe.start) | place))
         return found
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
@@ -432,8 +409,8 @@ class Search(Fitting):
         for starts_of in kinds:
             # a distortion takes long; one linear place is as good as its promise
             linear = len(starts_of) == 1 and starts_of[0][1].recipe.size
-            distorts = Effect.registry[starts_of[0][1].effect].distorts()
-            steps = 0 if linear or distorts else _FIRST_STEPS
+            effect = Effect.registry[starts_of[0][1].effect]
+            steps = 0 if linear or effect.distorts() or effect.bursts() else _FIRST_STEPS
             at = [self.fit([(candidate, values)], steps, beside) for _, candidate, values in starts_of]
             starts.append(min(at, key=lambda f: f.misfit))
         results = []
