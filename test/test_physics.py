@@ -180,3 +180,15 @@ def test_history_returns_the_newest_not_later_value(entries, stamp):
         history.add(at, value)
     expected = [(at, value) for at, value in dict(entries).items() if at <= stamp]
     assert history.at(stamp) == (max(expected) if expected else None)
+
+
+@given(st.sets(st.integers(0, 50), min_size=1), st.integers(-5, 55), st.integers(0, 20))
+def test_history_keeps_all_that_holds_between_two_stamps(stamps, start, length):
+    """The same is found between them as before, and nothing more is kept than holds there."""
+    history = History()
+    for at in stamps:
+        history.add(at, at)
+    before = [history.at(at) for at in range(start, start + length + 1)]
+    history.keep(start, start + length)
+    assert len(history) == len({found for found in before if found}) or (len(history) == 1 and not any(before))
+    assert before == [history.at(at) for at in range(start, start + length + 1)]

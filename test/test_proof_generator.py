@@ -15,7 +15,9 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from drfmcw_diagnosis import proof
+from drfmcw_diagnosis.next_measurement import measurements
 from drfmcw_diagnosis.proof import cases, draws, effects, generator, recordings, sizes
+from drfmcw_diagnosis.proof.carried_out import carried_out
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import FIRST, SECOND, Condition, StationCondition, clean, nominal
 from drfmcw_physics.air import refractive_index
@@ -630,6 +632,47 @@ def test_separation_is_a_distance():
     assert sizes.separation(c, [other], [ripple]) == pytest.approx(0.1 * size, rel=0.02)
     assert sizes.separation(c, [ripple], [other]) == pytest.approx(0.1 * size, rel=0.02)
     assert sizes.separation(c, [burst], []) == pytest.approx(sizes.separation(c, [], [burst]), rel=1e-6)
+
+
+NOT_MADE = ('phase noise of each', 'Terminate', 'Drive the crane', 'second T_off', 'times the longest', 'halfway')
+
+
+def test_recommended_measurements_are_carried_out_or_said_not_to_be():
+    """What each should tell apart and what not, where a number follows by hand."""
+    c = draws.random_condition(np.random.default_rng(3), draws.Extent(6, 8))
+    pairs = {
+        'distance': (
+            Applied('delay_offset', None, {'delay': 0.05}),
+            Applied('reference_offset', None, {'offset': -0.015}),
+        ),
+        'clock': tuple(
+            Applied('reference_clock_offset', s, {'deviation': d}) for s, d in (('master', 0.1), ('slave', -0.1))
+        ),
+        'board': tuple(Applied('delay_temperature', s, {'slope': 5.0}) for s in ('master', 'slave')),
+    }
+    told = {}
+    for measurement in measurements(('master', 'slave')):
+        made = carried_out(measurement.sentence, c)
+        assert (made is None) == any(words in measurement.sentence for words in NOT_MADE), measurement.sentence
+        if made is not None:
+            told[measurement.sentence] = {name: made([one], [other]) for name, (one, other) in pairs.items()}
+            assert made([pairs['clock'][0]], [pairs['clock'][0]]) == pytest.approx(0.0, abs=1e-6)
+    for sentence, sigma in told.items():
+        counted = 'reference oscillator' in sentence or 'ADC clock' in sentence
+        if counted:  # 0.1 ppm on either, to 0.01 ppm; nothing of distances
+            assert sigma == pytest.approx({'distance': 0.0, 'clock': math.sqrt(2.0) * 10.0, 'board': 0.0}, abs=0.01)
+        elif 'second instrument' in sentence:  # 15 mm against 1 mm + 1 ppm and the reference's 5 mm of 8 readings
+            std = [
+                math.hypot(1e-3 * (1.0 + 1e-3 * d), 5e-3 / math.sqrt(8.0)) for d in (c.distances[0], c.distances[-1])
+            ]
+            assert sigma['distance'] == pytest.approx(math.hypot(*(15e-3 / s for s in std)), rel=1e-3)
+            assert sigma['clock'] == sigma['board'] == 0.0
+        elif 'Repeat' in sentence or 'as many' in sentence:  # degenerate, as often as it is repeated
+            assert sigma['distance'] < 0.1
+            assert (sigma['clock'] > 4.0) == ('another calibrated station' in sentence)
+    (heated,) = (s for sentence, s in told.items() if 'board of master heated' in sentence)
+    (still,) = (s for sentence, s in told.items() if 'braked' in sentence)
+    assert heated['board'] > still['board']
 
 
 def test_a_case_is_sealed_before_it_is_recorded_and_has_the_same_bytes_again(tmp_path):

@@ -12,6 +12,7 @@ import pytest
 from drfmcw_diagnosis import prove
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_diagnosis.judging import OUTCOMES, judge
+from drfmcw_diagnosis.next_measurement import measurements
 from drfmcw_diagnosis.proof.cases import GROUPS, Counts, plans
 from drfmcw_diagnosis.proof_figures import (
     goals,
@@ -23,6 +24,7 @@ from drfmcw_diagnosis.proof_figures import (
     threshold,
 )
 from drfmcw_diagnosis.proof_report import Run, write_report
+from drfmcw_diagnosis.second_opinion import apart, parted
 from drfmcw_physics.settings import ConfigurationError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -102,6 +104,12 @@ NULL = {'verdicts': ('consistent',), 'tolerated': ('phase_noise',), 'levels': ('
         (truth(DELAY, **TWINS), finding('ambiguous', found(OFFSET), alternatives=[found(DELAY)]), 'right'),
         (truth(DELAY, **TWINS), finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]), 'wrong'),
         (truth(DELAY, **TWINS), finding('explained', found(OFFSET)), 'wrong'),
+        # what the data hardly tell may be told
+        (
+            truth(DELAY, verdicts=('explained', 'ambiguous'), rivals=(OFFSET,)),
+            finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]),
+            'undecided',
+        ),
         (truth(DELAY, **TWINS), finding('explained', found(DELAY)), 'wrong'),
         # nothing concealed
         (truth(**NULL), finding('consistent'), 'right'),
@@ -148,6 +156,29 @@ def test_judgement(sealed, said, outcome):
 )
 def test_what_the_data_cannot_tell_apart_is_judged_by_the_generator(sealed, said, apart, outcome):
     assert judge(sealed, said, apart).outcome == outcome
+
+
+def test_second_opinion_takes_findings_as_the_tool_writes_them():
+    condition = plans('quick', 3)[0].condition
+    far = found(DELAY, factor=-1.0)
+    twin = {**OFFSET, 'parameters': {'offset': -1e-10 * 299792458.0 / 1.0003}}
+    said = finding('ambiguous', found(twin), alternatives=[found(DELAY), far | {'effect': 'reference_offset'}])
+    said['next_measurement'] = next(
+        m.sentence for m in measurements(condition.names) if 'second instrument' in m.sentence
+    )
+    first, second, third = apart(condition, truth(DELAY)['effects'], said)
+    assert first < 0.1 and second is None and third is None  # twin, truth, a parameter that the effect lacks
+    # the noise of a fit is no difference: a twin three of its deviations off is a twin
+    off = found(
+        {**OFFSET, 'parameters': {'offset': 0.9 * twin['parameters']['offset']}},
+        std=-0.1 / 3.0 * twin['parameters']['offset'],
+    )
+    assert apart(condition, truth(DELAY)['effects'], finding('explained', off)) == [pytest.approx(0.0, abs=0.05)]
+    first, second, third = parted(condition, truth(DELAY)['effects'], said)
+    assert first > 4.0 and second is None and third is None
+    assert parted(condition, truth(DELAY)['effects'], said | {'next_measurement': 'Sing to it.'}) is None
+    assert parted(condition, truth(DELAY)['effects'], said | {'next_measurement': None}) is None
+    assert apart(condition, truth(DELAY)['effects'], finding('consistent')) == []
 
 
 def test_pulls_count_errors_in_stated_deviations():
@@ -244,13 +275,13 @@ def test_an_unknown_effect_to_leave_out_is_one_line_and_status_2(capsys):
     assert error.count('\n') == 1 and "'spurr'; did you mean 'spur'?" in error
 
 
-def record(number, group, kind, sealed, said, apart=()):
+def record(number, group, kind, sealed, said, apart=(), parted=None):
     """Return a case as it is stored; None: no finding."""
     failed = {'outcome': 'failed', 'reason': 'a | in a line', 'named': [], 'pulls': [], 'apart': []}
     return {
         'name': f'recording_{number:04d}', 'group': group, 'kind': kind, 'sha256': 'f' * 64, 'truth': sealed,
         'finding': said, 'judgement': judge(sealed, said, apart).as_object() if said else failed,
-        'seconds': 20.0 + number,
+        'seconds': 20.0 + number, 'parted': parted,
     }  # fmt: skip
 
 
@@ -270,7 +301,7 @@ RECORDS = [
     record(9, 'outside', 'phase_jump', truth(WALK, registered=False), finding('unexplained', levels=['if_samples'])),
     record(10, 'decoy', 'sultry weather', truth(**NULL), finding('consistent')),
     record(11, 'left_out', 'spur', truth(SPUR, **LEFT_OUT), finding('unexplained', levels=['if_spectrum'])),
-    record(12, 'ambiguous', 'delay_offset', truth(DELAY, **TWINS), BOTH_WAYS),
+    record(12, 'ambiguous', 'delay_offset', truth(DELAY, **TWINS), BOTH_WAYS, (None, 0.1), (None, 5.5)),
     record(13, 'decided', 'reference instrument checked', truth(DELAY, follows='recording_0012'),
            finding('explained', found(DELAY))),
 ]  # fmt: skip
@@ -300,7 +331,8 @@ def test_report_tells_numbers_and_every_failure(tmp_path):
     assert 'echo [excess_range 7' in failures and 'explained: delay_offset' in failures
     assert '7.2 sigma apart from the truth' in failures
     ambiguous = text.partition('## Ambiguous')[2].partition('\n## ')[0]
-    assert 'count both references' in ambiguous and 'reference instrument checked: explained' in ambiguous
+    assert 'count both references / 1 of 1, by 5.5 sigma at least' in ambiguous.replace(' | ', ' / ')
+    assert 'reference instrument checked: explained' in ambiguous
 
 
 @pytest.mark.parametrize('only', range(len(RECORDS)))
@@ -323,6 +355,7 @@ def test_figures_stand_beside_their_goals():
     assert told['false alarms at 1 %, wrong noise included'].measured == '50% (1 of 2)'
     assert told['which station, named, d >= 8, separable'].measured == '50% (1 of 2)'  # 2 is right, 7 is not
     assert told['pairs, both d >= 12, exact'].measured == '100% (1 of 1)'
+    assert told['recommended measurements that decide, carried out'].measured == '100% (1 of 1)'
     assert told['pairs, both d >= 50, exact'].measured == '0% (0 of 1)'
     assert told['held-out misfit per degree of freedom where explained'].met == 'yes'
     # a station is not the name; a part of the truth is no wrong name; an effect that is not there is

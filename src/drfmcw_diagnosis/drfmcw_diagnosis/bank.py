@@ -13,7 +13,9 @@ import numpy as np
 from drfmcw_sim.effects import Effect
 
 WAVE = 0.0517
-"""Wavelength of the carrier, by which an echo's phase turns [m]."""
+"""Wavelength of the carrier, by which an echo's phase turns [m]: of Table 1, see `Recipe.at`."""
+
+_SAME_WAVE = 0.01  # part by which a wavelength may differ from it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +34,14 @@ class Recipe:
     per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
     stations: str = 'each'  # 'each', 'each and both'; ignored where the effect has no station
     steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
+
+    def at(self, wavelength: float) -> 'Recipe':
+        """Return the recipe for another wavelength of the carrier [m]."""
+        ratio = wavelength / WAVE
+        if not self.turn[0] or abs(ratio - 1.0) < _SAME_WAVE:
+            return self
+        scaled = {name: (getattr(self, name)[0], getattr(self, name)[1] * ratio) for name in ('quadrature', 'turn')}
+        return dataclasses.replace(self, **scaled)
 
     def step(self, name: str, value: float) -> float:
         """Return the step of a numerical derivative at `value`."""

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from drfmcw_node.estimation import Flag
 from drfmcw_node.noise import QUANTISATION
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.phase_noise import combination_gain
@@ -62,12 +63,17 @@ class Comparison:
 
         Raises:
             ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter, which two
-                stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone.
+                stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone,
+                but its line must stand clear of 0 Hz.
         """
         self.data = data
         self.heard = tuple(i for i, x in enumerate(data.samples) if x is not None)
         self.receivers = tuple(data.stations[i] for i in self.heard)
         rows = np.arange(len(data)) if rows is None else np.asarray(rows)
+        if len(data.stations) == 1:
+            rows = rows[(data.lines.flags[0, rows] & Flag.NEAR_DC) == 0]
+            if not len(rows):
+                raise ConfigurationError(f'{data.path}: no sweep is usable, the line stands too near 0 Hz')
         group = data.group[rows]
         members = [rows[group == g] for g in np.unique(group)]
         self.members = [m for m in members if len(m) >= FEWEST]
@@ -269,10 +275,15 @@ class Comparison:
     def _predict(self, effects: tuple[Effect, ...]) -> Groups:
         found: list[Groups] = [None] * len(self.members)
         for part in self.parts:
+<<<<<<< HEAD
             state = part.steady.rows(slice(None))
             for effect in sorted(effects, key=lambda e: e.stage):
                 effect.prepare(state)
             features = self._simulated(part, [e for e in effects if not e.bursts()])
+=======
+            state = self._acted(part, effects)
+            features = self._simulated(part, effects)
+>>>>>>> main
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
             quiet = self._predicted_noise(state, effects, features.line, features.amplitude)
@@ -311,6 +322,14 @@ class Comparison:
                 )
         return joined(found)
 
+    @staticmethod
+    def _acted(part: Part, effects: Sequence[Effect]) -> Measurements:
+        """Return the groups' steady conditions after effects."""
+        state = part.steady.rows(slice(None))
+        for effect in sorted(effects, key=lambda e: e.stage):
+            effect.prepare(state)
+        return state
+
     def _simulated(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group.
 
@@ -321,8 +340,13 @@ class Comparison:
         copies, count = _DISTORTED if distorting else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
+<<<<<<< HEAD
         moved = align(part, rows, copies, self.sweeps)
         features = _mean(self._features(part, rows, effects), copies)
+=======
+        moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
+        features = self._mean_features(part, rows, effects, copies)
+>>>>>>> main
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
@@ -348,6 +372,7 @@ class Comparison:
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
+<<<<<<< HEAD
         amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
         for number, heard in enumerate(self.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
@@ -357,6 +382,10 @@ class Comparison:
     def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
         """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
         return _mean(self._jittered(part, effects, noise, _DISTORTED), _DISTORTED)
+=======
+        align(part, rows, copies, self.sweeps, self._acted(part, effects))
+        return self._mean_features(part, rows, effects, copies, noise)
+>>>>>>> main
 
     def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""

@@ -25,7 +25,7 @@ def parser() -> argparse.ArgumentParser:
         description='Compare a recording with the model of its own settings, calibrations, weather and reference, and '
         'say what physics the model leaves out.',
     )
-    result.add_argument('recording', help='rosbag2 recording of raw IF samples of both stations')
+    result.add_argument('recording', help='rosbag2 recording of raw IF samples, of both stations or of one')
     result.add_argument('--json', metavar='FILE', help='write the finding as JSON')
     result.add_argument('--html', metavar='FILE', help='write a report')
     result.add_argument('--out', metavar='DIR', help='write finding.json, report.html and refined.yaml there')

@@ -117,7 +117,8 @@ def _powered(
         plain = dataclasses.replace(own, tx_eirp=0.0, rx_antenna_gain=0.0)
         gain = power - float(link_budget(plain, plain, np.array(data.distance[rows].mean()))) - attenuation
         most = own.full_scale_power - _HEADROOM - float(link_budget(plain, plain, np.array(distance)))
-        result.append(dataclasses.replace(plain, rx_antenna_gain=float(min(gain, most))))
+        # places of equal gain are simulated together
+        result.append(dataclasses.replace(plain, rx_antenna_gain=round(float(min(gain, most)), 2)))
     return tuple(result)
 
 

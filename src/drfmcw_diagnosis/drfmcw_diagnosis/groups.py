@@ -62,7 +62,9 @@ class Part:
     extract: Extractor
 
 
-def align(part: Part, rows: Measurements, copies: int, sweeps: Sequence[SweepFeatures]) -> np.ndarray:
+def align(
+    part: Part, rows: Measurements, copies: int, sweeps: Sequence[SweepFeatures], acted: Measurements
+) -> np.ndarray:
     """Give the line of a station that hears itself the measured phase; return the mean delay added (G,) [s].
 
     Its phase is no free one as that of a pair, but follows from the delay, which nobody knows to a part of a
@@ -74,12 +76,13 @@ def align(part: Part, rows: Measurements, copies: int, sweeps: Sequence[SweepFea
         rows: their steady conditions, as often as there are copies; the delays are changed.
         copies: number of them.
         sweeps: measured features of all groups.
+        acted: `part.steady` after effects: they may change the delay.
     """
     added = np.zeros((copies, len(part.groups)))
     if len(part.steady.stations) == 2:
         return added[0]
-    (station,) = part.steady.stations
-    delay, sweep = part.steady.paths[0].delay, station.sweep
+    (station,) = acted.stations
+    delay, sweep = acted.paths[0].delay, station.sweep
     carrier = station.alpha * sweep.center_frequency
     own = carrier * delay - 0.5 * sweep.chirp_rate * delay**2  # turns in mid-sweep
     for row, g in enumerate(part.groups):

@@ -127,10 +127,10 @@ def _outcome(
         return 'right', 'named'
     if wanted not in named:
         return 'wrong', 'ambiguous, the truth not among the explanations'
-    if rivals and not rivals & set(named):
-        return 'wrong', 'ambiguous, none of the true rivals among the explanations'
-    if rivals:
+    if rivals & set(named):
         return 'right', 'ambiguous, the truth and its rivals named'
+    if 'explained' not in truth['verdicts']:
+        return 'wrong', 'ambiguous, none of the true rivals among the explanations'
     if alike >= set(named) - {wanted}:
         return 'right', 'ambiguous, the truth among explanations that the data cannot tell apart'
     return 'undecided', 'ambiguous, the truth among the explanations'

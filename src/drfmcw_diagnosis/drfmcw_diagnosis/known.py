@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drfmcw_node.estimation import Flag
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from .dataset import Dataset
@@ -15,6 +16,8 @@ BEAT_LIMIT = 10.0
 """What T_off is trusted to on average, in the sum of both beat frequencies [Hz]."""
 
 _AIR_LIMIT = 3e-5  # refractivity of unknown weather may differ from the default's by so much, a tenth of it
+_TRUST = 0.003  # to which the forward models are trusted, relative to what they add
+_TRUST_IN_AIR = 0.02  # the same where the weather is unknown: the phase of a second path follows the air
 
 
 class Known:
@@ -32,7 +35,13 @@ class Known:
         self._data, self._heard, self._members, self._scatters = data, heard, members, scatters
         self._alone = len(heard) < len(data.stations)
         self._delays = not any(f'/{station}/calibration' in data.lacking for station in data.stations)
+        self._weather = not any(topic.startswith('/site/') for topic in data.lacking)
         self._referenced = np.array([np.isfinite(data.reference[m]).all() for m in members])
+
+    @property
+    def trust(self) -> float:
+        """To which the forward models are trusted, relative to what they add."""
+        return _TRUST if self._weather else _TRUST_IN_AIR
 
     def range(self) -> np.ndarray:
         """Return in which groups the reference tells what a range of calibrated delays should be (G,)."""
@@ -41,7 +50,7 @@ class Known:
     def range_limit(self) -> np.ndarray:
         """Return what the range is trusted to beyond its noise (G,) [m]: zero where air and T_off are known."""
         limit = np.zeros(len(self._members))
-        if any(topic.startswith('/site/') for topic in self._data.lacking):
+        if not self._weather:
             limit = _AIR_LIMIT * np.array([self._data.distance[m].mean() for m in self._members])
         if self._alone:  # T_off stands in the range of one line
             start_delay = BEAT_LIMIT / (2.0 * abs(self._data.sweeps[0][0].chirp_rate))
@@ -76,6 +85,9 @@ class Known:
             )
         if not self.distance().all():
             said.append('Received power is not compared where the distance is not known well enough')
+        lost = np.count_nonzero(self._data.lines.flags[0] & Flag.NEAR_DC) if len(self._data.stations) == 1 else 0
+        if lost:
+            said.append(f'Left out: {lost} sweeps whose line stands too near 0 Hz')
         if self._data.iq:
             said.append('Negative frequencies of the I/Q samples are not compared')
         if not self.noise().all():

@@ -301,8 +301,24 @@ def goals(records: Sequence[Record]) -> list[Goal]:
         _of_rate('strong effects, d >= 60, exact', '-', rate(of(records, 'strong'), is_right)),
         _of_rate('decoys', '-', rate(of(records, 'decoy'), is_right)),
         _of_rate('ambiguous by construction, called so', '-', rate(of(records, 'ambiguous'), is_right)),
-        _of_rate('measurements that should decide these and do', '-', rate(of(records, 'decided'), is_right)),
+        _of_rate('recommended measurements that decide, carried out', '-',
+                 rate([r for r in records if parted(r)], decides)),
+        _of_rate('follow-ups of ambiguous cases that decide', '-', rate(of(records, 'decided'), is_right)),
     ]  # fmt: skip
+
+
+def parted(record: Record) -> list[float] | None:
+    """Return by how much the recommended measurement, carried out, parts the truth, if named, from its rivals."""
+    judged = record['judgement']
+    if judged.get('truth') not in judged['named']:
+        return None
+    found = [p for p in record.get('parted') or [] if p is not None]
+    return found or None
+
+
+def decides(record: Record) -> bool:
+    """Return whether the recommended measurement parts the truth from every rival named."""
+    return min(parted(record) or [0.0]) >= SEPARABLE
 
 
 def nearest_to_truth(record: Record) -> str:

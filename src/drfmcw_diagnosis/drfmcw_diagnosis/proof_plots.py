@@ -47,7 +47,11 @@ def _first_named(record: Record) -> str:
         return 'failed'
     if not record['judgement']['named']:
         return record['finding']['verdict']
-    effects = [e['effect'] for e in record['finding']['effects']]
+    effects = figures.names(record['finding']['effects'])
+    if record['group'] not in ('pair', 'strong_pair'):
+        for shown_by in record['truth']['effects'][:-1]:  # what only shows the last one
+            if shown_by['effect'] in effects:
+                effects.remove(shown_by['effect'])
     return effects[0] if len(effects) == 1 else 'several'
 
 
@@ -154,8 +158,10 @@ def _pulls(records: Sequence[Record]) -> Figure | None:
     if not pulls:
         return None
     names = sorted({f'{p["effect"]}: {p["parameter"]}' for p in pulls})
-    figure = Figure(figsize=(9.5, max(3.0, 1.2 + 0.2 * len(names))))
-    each, every = figure.subplots(1, 2, width_ratios=(3, 2))
+    height = max(3.0, 1.2 + 0.2 * len(names))
+    figure = Figure(figsize=(9.5, height))
+    grid = figure.add_gridspec(2, 2, width_ratios=(3, 2), height_ratios=(3.0, height - 2.99))
+    each, every = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
     clipped = np.clip([p['pull'] for p in pulls], -_CLIP, _CLIP)
     each.axvspan(-3.0, 3.0, color='#dde5ee')
     each.plot(clipped, [names.index(f'{p["effect"]}: {p["parameter"]}') for p in pulls], 'o', ms=3, color=_BLUE)

@@ -171,7 +171,9 @@ def _alarms(records: Sequence[Record]) -> str:
     cells = [(name, str(rate(cases, is_alarm)), str(rate(cases, figures.detected))) for name, cases in rows]
     return _table(('recordings without an effect', 'false alarms', 'any mismatch'), cells) + (
         '\n\nA wrong noise shape, outliers and drift are mismatches themselves: naming or locating just them is no '
-        f'false alarm, if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess.'
+        f'false alarm, if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess. Significances '
+        'of recordings with the right noise should follow the straight line: above it alarms come too often, below it '
+        'too rarely. The others do hold something significant.'
     )
 
 
@@ -273,22 +275,34 @@ def _rates_by(
 
 def _ambiguous(records: Sequence[Record]) -> str:
     following = {r['truth']['follows']: r for r in of(records, 'decided')}
-    own = of(records, 'ambiguous')
     rows = []
-    for record in own:
-        finding = record['finding'] or {}
+    for record in of(records, 'ambiguous'):
         after = following.get(record['name'])
-        decides = ('yes' if is_right(after) else 'no', f'{after["kind"]}: {_said(after)}') if after else ('', 'not run')
-        recommended = finding.get('next_measurement') or '-'
-        rows.append((record['name'], record['judgement']['truth'], _said(record), recommended, decides[1], decides[0]))
-    head = ('recording', 'truth', 'finding', 'recommended', 'follow-up and its finding', 'decides')
+        follow_up = (f'{after["kind"]}: {_said(after)}', 'yes' if is_right(after) else 'no') if after else ('', '')
+        rows.append((record['name'], _concealed(record), _said(record), *_recommended(record), *follow_up))
     if not rows:
         return ''
+    head = ('recording', 'truth', 'finding', 'recommended', 'carried out', 'follow-up and its finding', 'decides')
     return (
-        'Each is followed by the measurement that decides it, with the same effects concealed, by a fresh seal. A '
-        'reference instrument that has been checked is known to be right: the follow-up is searched without its '
-        'effects, and holds nothing if it was at fault.\n\n' + _table(head, rows)
-    )  # fmt: skip
+        'The recommended measurement is carried out by the generator: by how much what it shows of the truth differs '
+        'from what it would show of each rival named. It decides from '
+        f'{SEPARABLE:g} sigma on. Each case is followed by a recording that must decide, with the same effects '
+        'concealed, under a fresh seal. A reference instrument that has been checked is known to be right: that '
+        'follow-up is searched without its effects, and holds nothing if the instrument was at fault.\n\n'
+        + _table(head, rows)
+    )
+
+
+def _recommended(record: Record) -> tuple[str, str]:
+    """Return what was recommended, and in words by how much it parts the truth from its rivals."""
+    measurement = (record['finding'] or {}).get('next_measurement')
+    if not measurement:
+        return '-', ''
+    parts = figures.parted(record)
+    if parts is None:
+        return measurement, 'not carried out'
+    told = sum(p >= SEPARABLE for p in parts)
+    return measurement, f'{told} of {len(parts)}, by {min(parts):.1f} sigma at least'
 
 
 def _held_out(records: Sequence[Record]) -> str:
@@ -326,11 +340,13 @@ def _said(record: Record) -> str:
 
 
 def _concealed(record: Record) -> str:
+    def parameter(name: str, value: Any, unit: str) -> str:
+        if not isinstance(value, int | float):
+            return f'{name} per setting'
+        return f'{name} {value:.4g}' + (f' {unit}' if unit != '1' else '')
+
     def parameters(effect: Mapping[str, Any]) -> str:
-        return ', '.join(
-            f'{n} {v:.4g} {effect["units"].get(n, "")}'.rstrip() if isinstance(v, int | float) else f'{n} per setting'
-            for n, v in effect['parameters'].items()
-        )
+        return ', '.join(parameter(n, v, effect['units'].get(n, '1')) for n, v in effect['parameters'].items())
 
     if is_null(record):
         return f'nothing ({record["kind"]})'

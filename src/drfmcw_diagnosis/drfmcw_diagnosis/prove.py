@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,11 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_sim.monte_carlo import versions
 
-from .judging import judge, keys
+from .judging import judge
 from .proof.cases import GROUPS, Plan, conceal_case, plans
-from .proof.effects import Applied
-from .proof.generator import Condition
 from .proof.recordings import Seal, open_seal
-from .proof.sizes import separation
 from .proof_report import Run, write_report
+from .second_opinion import apart, parted
 
 _PROG = 'drfmcw prove'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'ros', 'sim', 'node', 'fusion', 'diagnosis'))
@@ -198,7 +196,7 @@ class _Tries:
         if finding is None:
             judgement: dict[str, Any] = {'outcome': 'failed', 'reason': error, 'named': [], 'pulls': []}
         else:
-            judgement = judge(truth, finding, _apart(plan.condition, truth['effects'], finding)).as_object()
+            judgement = judge(truth, finding, apart(plan.condition, truth['effects'], finding)).as_object()
         record = {
             'name': plan.name,
             'group': plan.group,
@@ -207,6 +205,7 @@ class _Tries:
             'truth': {k: v for k, v in truth.items() if k != 'condition'},
             'finding': finding,
             'judgement': judgement,
+            'parted': finding and parted(plan.condition, truth['effects'], finding),
             'seconds': seconds,
         }
         self._results.store(record)
@@ -242,36 +241,6 @@ class _Tries:
         if process.returncode:
             return None, (errors.strip().splitlines() or [f'exit status {process.returncode}'])[-1]
         return json.loads(out.read_text(encoding='utf-8')), ''
-
-
-def _apart(condition: Condition, truth: Sequence[Mapping[str, Any]], finding: Mapping[str, Any]) -> list[float | None]:
-    """Return how far from the data of the truth those of each explanation in a finding are, see `judge`."""
-    if not truth or not finding['effects']:
-        return []
-    there = [Applied(e['effect'], e['station'], e['parameters']) for e in truth]
-    found: list[float | None] = []
-    for effects in (finding['effects'], *(a['effects'] for a in finding['alternatives'])):
-        if keys(effects) == keys(truth):
-            found.append(None)  # is the truth, however well it is fitted
-            continue
-        try:
-            with np.errstate(all='ignore'):
-                found.append(separation(condition, [_as_concealed(e) for e in effects], there))
-        except (ArithmeticError, TypeError, ValueError, np.linalg.LinAlgError):
-            found.append(None)  # parameters that the generator cannot make a recording of
-    return found
-
-
-def _as_concealed(effect: Mapping[str, Any]) -> Applied:
-    """Return an effect of a finding as the generator takes it."""
-    parameters: dict[str, Any] = {}
-    for name, stated in effect['parameters'].items():
-        base, bracket, _ = name.partition('[')
-        if bracket:
-            parameters.setdefault(base, []).append(stated['value'])
-        else:
-            parameters[base] = stated['value']
-    return Applied(effect['effect'], effect['station'], parameters)
 
 
 def _judged(record: dict[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import scipy.fft
 from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
@@ -27,9 +28,10 @@ _STARTS = 6  # places of each kind at which a refinement begins
 _LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
-_TRUST = 0.003  # to which the forward models are trusted, relative to what they add
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
+_FAINT = 0.1  # length of a template below which it may be rounding only
+_ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
 _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
@@ -200,7 +202,7 @@ class Fitting:
         if fitted is None:
             return np.zeros(len(entries.kind))
         lines, size = entries.where(kind='lines'), np.abs(fitted.template)
-        trust = np.where(lines, _LINES_TRUST, _TRUST)
+        trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
         registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
         if any(e.distorts() for e in registered):
             # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
@@ -210,6 +212,33 @@ class Fitting:
         if any(e.bursts() for e in registered):
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
         return trust * size
+
+    def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
+        """Return what each kind of number still holds, least probable first.
+
+        What the forward models may be off by counts as noise, see `doubt`.
+        """
+        c = self.comparison
+        template = fitted.template if fitted else np.zeros(len(c.residual))
+        rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+        found = []
+        for kind, station in c.entries.kinds():
+            z = rest[c.entries.where(kind=kind, station=station)]
+            z = z[z != 0.0]
+            if len(z) < 4:
+                continue
+            # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
+            freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
+            chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
+            largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
+            tests = [chi, largest]
+            if kind == 'ramp':
+                tests += _common(rest[c.entries.where(kind=kind, station=station)].reshape(len(c.members), -1))
+            probability = min(1.0, len(tests) * min(tests))
+            found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
+        count = len(found)
+        found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
+        return sorted(found, key=lambda f: f.probability)
 
 
 class Search(Fitting):
@@ -240,7 +269,7 @@ class Search(Fitting):
         templates = []
         for number, candidate in enumerate(bank):
             template = self._template([candidate.build()])
-            if np.linalg.norm(template) > _NOTHING:
+            if self._shows(candidate, template):
                 self.bank.append(candidate)
                 templates.append(template.astype(np.float32))
             if number % 20 == 0:
@@ -249,6 +278,21 @@ class Search(Fitting):
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
         found = collections.Counter(c.key for c in self.bank)
         self._places = {key: max(count, CELLS.get(key[0], 1)) for key, count in found.items()}
+
+    def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
+        """Return whether the recording can show an effect: what does not grow with the size is rounding."""
+        length, recipe = float(np.linalg.norm(template)), candidate.recipe
+        if length > _FAINT:
+            return True
+        if length <= _NOTHING or not recipe.size:
+            return False
+        twice = {
+            name: value + 20.0 * math.log10(2.0) if recipe.decibel else 2.0 * value
+            for name, value in candidate.values.items()
+            if name.partition('[')[0] == recipe.size
+        }
+        other = self._template([candidate.moved(**twice).build()])
+        return float(template @ other) > _ALIKE * length * float(np.linalg.norm(other))
 
     @property
     def places(self) -> int:
@@ -266,6 +310,7 @@ class Search(Fitting):
         """Return the places at which the remainder itself says that effects of sharp shape should begin."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
+        wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
         for effect, recipes in RECIPES.items():
             for recipe in recipes:
                 if not recipe.scanned or effect in self._without:
@@ -273,7 +318,7 @@ class Search(Fitting):
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
                     for place in places(self.comparison, residual, effect, number, recipe.scanned):
-                        found.append(Candidate(effect, station, recipe, dict(recipe.start) | place))
+                        found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | place))
         return found
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:

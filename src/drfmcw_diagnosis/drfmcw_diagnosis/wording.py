@@ -361,16 +361,18 @@ def _certainty(diagnosis: Diagnosis) -> list[str]:
 
 
 def _fit(diagnosis: Diagnosis) -> list[str]:
-    held_out = diagnosis.fit.held_out
+    shown = diagnosis.fit.held_out
     on = 'the sweeps kept out of the fit'
-    if diagnosis.sweeps_fitted is not None and diagnosis.sweeps_held_out is not None:
+    if not math.isfinite(shown.before):
+        shown, on = diagnosis.fit.fitted, 'the sweeps of the fit, too few to keep any out of it'
+    elif diagnosis.sweeps_fitted is not None and diagnosis.sweeps_held_out is not None:
         on += f' ({diagnosis.sweeps_held_out} of {diagnosis.sweeps_fitted + diagnosis.sweeps_held_out})'
     ideal = '1 when the model is right'
-    if not math.isfinite(held_out.before):
+    if not math.isfinite(shown.before):
         return []
     if diagnosis.explanation is None:
-        return [f'Misfit per degree of freedom on {on}: {misfit(held_out.before)}; {ideal}.']
-    return [f'Misfit per degree of freedom on {on}: {_change(held_out)}; {ideal}.']
+        return [f'Misfit per degree of freedom on {on}: {misfit(shown.before)}; {ideal}.']
+    return [f'Misfit per degree of freedom on {on}: {_change(shown)}; {ideal}.']
 
 
 def _change(figure: BeforeAfter) -> str:
