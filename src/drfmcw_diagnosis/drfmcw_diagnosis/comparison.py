@@ -275,15 +275,8 @@ class Comparison:
     def _predict(self, effects: tuple[Effect, ...]) -> Groups:
         found: list[Groups] = [None] * len(self.members)
         for part in self.parts:
-<<<<<<< HEAD
-            state = part.steady.rows(slice(None))
-            for effect in sorted(effects, key=lambda e: e.stage):
-                effect.prepare(state)
-            features = self._simulated(part, [e for e in effects if not e.bursts()])
-=======
             state = self._acted(part, effects)
-            features = self._simulated(part, effects)
->>>>>>> main
+            features = self._simulated(part, [e for e in effects if not e.bursts()])
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
             quiet = self._predicted_noise(state, effects, features.line, features.amplitude)
@@ -340,13 +333,8 @@ class Comparison:
         copies, count = _DISTORTED if distorting else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
-<<<<<<< HEAD
-        moved = align(part, rows, copies, self.sweeps)
-        features = _mean(self._features(part, rows, effects), copies)
-=======
         moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
-        features = self._mean_features(part, rows, effects, copies)
->>>>>>> main
+        features = _mean(self._features(part, rows, effects), copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
@@ -372,20 +360,15 @@ class Comparison:
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
-<<<<<<< HEAD
         amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
         for number, heard in enumerate(self.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
-        align(part, rows, copies, self.sweeps)
+        align(part, rows, copies, self.sweeps, self._acted(part, effects))
         return self._features(part, rows, effects, noise)
 
     def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
         """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
         return _mean(self._jittered(part, effects, noise, _DISTORTED), _DISTORTED)
-=======
-        align(part, rows, copies, self.sweeps, self._acted(part, effects))
-        return self._mean_features(part, rows, effects, copies, noise)
->>>>>>> main
 
     def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
