@@ -36,10 +36,10 @@ _SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its 
 
 CELLS = {
     'echo': 350,
-    'ground_reflection': 200,
+    'ground_reflection': 1000,
     'sweep_ripple': 60,
     'spur': 1000,
-    'sway': 1000,
+    'sway': 2500,
     'clipping': 20,
     'compression': 6,
     'interference_burst': 30,
