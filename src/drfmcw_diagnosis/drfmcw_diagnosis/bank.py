@@ -26,6 +26,7 @@ class Recipe:
     start: Mapping[str, float]  # of parameters without a grid
     prior: Mapping[str, float]  # plausible size of every parameter that is fitted
     grid: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
+    defining: tuple[str, ...] = ()  # parameters that make it another effect where they are zero
     scanned: str = ''  # parameter whose places the data show, see `places`
     decibel: bool = False  # the size is in decibels
     quadrature: tuple[str, float] = ('', 0.0)  # parameter, and its step, that turns the effect's phase by a quarter
@@ -68,7 +69,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     'delay_temperature': (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),),
     'ground_reflection': (
         Recipe('coefficient', {'coefficient': 0.02}, {'coefficient': 0.5, 'height_product': 100.0},
-               scanned='height_product'),
+               scanned='height_product', defining=('height_product',)),
     ),
     'echo': (
         Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
@@ -88,15 +89,14 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'pll_settling': (
         Recipe('step', {'step': 500.0}, {'step': 1e5, 'natural_frequency': 5e4, 'damping': 1.0},
-               {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}),
+               {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}, defining=('damping',)),
     ),
     'phase_noise': (
-        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-3.0, 1.0, 3.0, 6.0), 'corner': (0.5, 1.0, 2.0)},
+        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-2.0, 2.0), 'corner': (0.5, 1.0, 2.0)},
                stations='each and both', steps={'level': 0.1, 'corner': 2e3}),
     ),
     'noise_floor': (
-        Recipe('', {}, {'excess': 10.0}, {'excess': (-3.0, -0.2, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0)},
-               stations='each and both',
+        Recipe('', {}, {'excess': 10.0}, {'excess': (-1.0, 1.0, 6.0)}, stations='each and both',
                steps={'excess': 0.05}),
     ),
     'amplitude_loss': (
@@ -113,12 +113,16 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
     'clipping': (
-        Recipe('', {}, {'level': 20.0}, {'level': tuple(np.arange(-56.0, -2.0, 3.0).tolist())}, steps={'level': 0.1}),
+        Recipe('', {}, {'level': 20.0}, scanned='level', steps={'level': 0.1}),
     ),
     'compression': (
-        Recipe('', {}, {'third_order': 0.3}, {'third_order': (-0.3, -0.1, 0.1, 0.3)}, steps={'third_order': 0.005}),
+        Recipe('', {}, {'third_order': 0.3}, scanned='third_order', steps={'third_order': 0.005}),
     ),
     'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
+    'interference_burst': (
+        Recipe('', {}, {'probability': 0.5, 'level': 20.0, 'duration': 1e-4}, scanned='probability',
+               steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5}),
+    ),
     'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),
     'reference_offset': (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),),
     'reference_scale': (Recipe('scale', {'scale': 2.0}, {'scale': 200.0}),),

@@ -15,6 +15,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.phase_noise import combination_gain
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements, Station, synthesise
 
 from .dataset import Dataset
@@ -28,6 +29,7 @@ from .features import (
     median_of_mean,
     near_line,
     ramp_spectrum,
+    unevenness,
 )
 from .groups import Entries, Groups, Part, align, band_edges, joined, pooled, steady
 from .known import BEAT_LIMIT, FEWEST, Known
@@ -42,9 +44,10 @@ _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
-_DISTORTED = 12  # sweeps simulated per group where an effect distorts the IF
+_DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
 _OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
+_SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
 _KIND = 'U9'  # the longest name
 
 
@@ -97,6 +100,7 @@ class Comparison:
         self.standing = np.abs(self.slope) < _STANDING * np.where(known, self.slope_std, np.inf)
         self.measured, self.std = self._measure()
         self._plain_power: dict[int, np.ndarray] = {}
+        self._undistorted: dict[int, np.ndarray] = {}  # by the first group of a part
         self.plain = self.predict(())
         self.std = dataclasses.replace(self.std, noise=np.hypot(self.std.noise, self._noise_limit()))
         self.entries = self._layout()
@@ -119,6 +123,7 @@ class Comparison:
         """Return the measured features of all groups and their standard deviations."""
         errors_of_range = [s.range - self.data.distance[m] for s, m in zip(self.sweeps, self.members, strict=True)]
         range_std, beat_std, amplitude_std = self._scatter(errors_of_range)
+        harmonic_std = self._harmonic_scatter()
         movement_told = any(part.extract.way_per_phase for part in self.parts)
         noise_told, range_limit = self.known.noise(), self.known.range_limit()
         values: list[Groups] = []
@@ -134,6 +139,7 @@ class Comparison:
             ramp_variance, mean_variance = self._variances(sweeps, ramp, noise)
             ramp_std = np.full(ramp.shape[1:], np.inf)
             ramp_std[:, _FREE:] = np.sqrt(ramp_variance / n)
+            burst, burst_std = unevenness(sweeps.quiet) if self.scatters else (np.zeros((len(self.heard), 3)), np.inf)
             error = errors_of_range[g]
             movement, movement_std = self._movement(sweeps, standing and movement_told)
             values.append(
@@ -141,6 +147,8 @@ class Comparison:
                     ramp.mean(axis=0),
                     power / around,
                     sweeps.mean.mean(axis=0),
+                    sweeps.harmonic.mean(axis=0),
+                    burst,
                     noise,
                     sweeps.beat.mean(),
                     sweeps.amplitude.mean(axis=0),
@@ -154,6 +162,8 @@ class Comparison:
                     ramp_std,
                     around,
                     np.maximum(np.sqrt(mean_variance), 0.01) / root,
+                    harmonic_std[g] / root,
+                    burst_std,
                     noise_std,
                     np.hypot(beat_std[g] / root, BEAT_LIMIT),
                     np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
@@ -187,6 +197,14 @@ class Comparison:
         amplitude_std = np.where(self.known.power(), shared * pooled([s.amplitude for s in self.sweeps]), np.inf)
         return range_std, beat_std, amplitude_std
 
+    def _harmonic_scatter(self) -> np.ndarray:
+        """Return by what harmonics scatter from sweep to sweep (G, S, 2 H), alike in both parts of each."""
+        if not self.scatters:
+            return np.full((len(self.members), *self.sweeps[0].harmonic.shape[1:]), np.inf)
+        variance = np.array([s.harmonic.var(axis=0, ddof=1) for s in self.sweeps])
+        both = variance.reshape(*variance.shape[:2], 2, -1).mean(axis=2)
+        return np.sqrt(np.nan_to_num(np.tile(both, 2), nan=np.inf))
+
     def _variances(self, sweeps: SweepFeatures, ramp: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return variances of one sweep of a group: of the ramp's terms but the free ones, and of the means (S, Q).
 
@@ -202,16 +220,22 @@ class Comparison:
         variance, mean_variance = self.parts[0].extract.white_noise(sweeps, white)
         return variance[:, None], mean_variance
 
-    def _floor(self, station: Station) -> np.ndarray:
-        """Return the variance of a sample without skirts (n,) [LSB^2], of both of its parts with iq."""
-        return (station.noise_std() ** 2 + QUANTISATION) * (2.0 if self.data.iq else 1.0)
+    def _floor(self, station: Station, passed: np.ndarray) -> np.ndarray:
+        """Return the variance of a sample without skirts (n, k) [LSB^2], of both of its parts with iq.
+
+        Args:
+            station: n sweeps of it.
+            passed: share of the noise before the ADC that filters leave (k,).
+        """
+        before = station.noise_std()[:, None] ** 2 * passed
+        return (before + QUANTISATION) * (2.0 if self.data.iq else 1.0)
 
     def _noise_limit(self) -> np.ndarray:
         """Return what the model of the noise in bands is trusted to (G, S, BANDS) [dB]: less where a skirt rules."""
         limit = np.empty(self.plain.noise.shape)
         for part in self.parts:
-            floor = np.array([self._floor(part.steady.stations[i]) for i in self.heard]).T
-            share = 1.0 - floor[..., None] / 10.0 ** (self.plain.noise[part.groups] / 10.0)
+            floor = np.stack([self._floor(part.steady.stations[i], np.ones(1)) for i in self.heard], axis=1)
+            share = 1.0 - floor / 10.0 ** (self.plain.noise[part.groups] / 10.0)
             limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
         return limit
 
@@ -252,13 +276,17 @@ class Comparison:
         found: list[Groups] = [None] * len(self.members)
         for part in self.parts:
             state = self._acted(part, effects)
-            features = self._simulated(part, effects)
+            features = self._simulated(part, [e for e in effects if not e.bursts()])
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
-            quiet = self._predicted_noise(state, features.line, features.amplitude)
+            quiet = self._predicted_noise(state, effects, features.line, features.amplitude)
             velocity = self._velocity(part.steady, effects)
             distorting = any(e.distorts() for e in effects)
             changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
+            burst = np.zeros((len(part.groups), len(self.heard), 3))
+            if any(e.bursts() for e in effects):
+                burst, louder = self._bursts(part, effects)
+                quiet = quiet + louder
             if not effects:
                 self._plain_power |= dict(zip(part.groups.tolist(), features.power, strict=True))
             for row, g in enumerate(part.groups.tolist()):
@@ -270,11 +298,14 @@ class Comparison:
                     noise = self.plain.noise[g] + changed[row]
                     # where harmonics raise the median around, the noise itself is what they add to
                     raised = self.std.lines[g] > _RAISED * floor
+                    raised[~np.any(added > floor, axis=1)] = False
                     around[raised] = (floor / self.std.lines[g])[raised]
                 found[g] = Groups(
                     ramp_spectrum(features.ramp[row]),
                     around + added / self.std.lines[g],
                     features.mean[row],
+                    features.harmonic[row],
+                    burst[row],
                     noise,
                     features.beat[row],
                     features.amplitude[row],
@@ -303,48 +334,80 @@ class Comparison:
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
         moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
-        features = self._mean_features(part, rows, effects, copies)
+        features = _mean(self._features(part, rows, effects), copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
         if distorting:
-            features = dataclasses.replace(features, power=self._distorted(part, effects, False).power)
+            jittered = self._distorted(part, effects, False)
+            features = dataclasses.replace(features, power=jittered.power, harmonic=jittered.harmonic)
         return features
 
-    def _mean_features(
-        self, part: Part, rows: Measurements, effects: Sequence[Effect], copies: int, noise: bool = False
+    def _features(
+        self, part: Part, rows: Measurements, effects: Sequence[Effect], noise: bool = False
     ) -> SweepFeatures:
-        """Return features of simulated sweeps, each the mean of its copies."""
+        """Return features of simulated sweeps."""
         samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self.heard)
-        features = part.extract(heard, rows.stations[self.heard[0]].full_scale, rows.refractive_index)
-        count = len(part.groups)
-        means = {
-            f.name: getattr(features, f.name).reshape(copies, count, *getattr(features, f.name).shape[1:]).mean(axis=0)
-            for f in dataclasses.fields(SweepFeatures)
-            if f.name not in ('time', 'carrier')
-        }
-        return dataclasses.replace(features, **means, carrier=features.carrier[:count])
+        return part.extract(heard, rows.stations[self.heard[0]].full_scale, rows.refractive_index)
 
-    def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
-        """Return mean features of sweeps with the start delays of measured ones, whose jitter harmonics multiply."""
-        copies, count = _DISTORTED, len(part.groups)
-        rows = part.steady.rows(np.tile(np.arange(count), copies))
+    def _jittered(self, part: Part, effects: Sequence[Effect], noise: bool, copies: int) -> SweepFeatures:
+        """Return features of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
+
+        Harmonics multiply the jitter.
+        """
+        rows = part.steady.rows(np.tile(np.arange(len(part.groups)), copies))
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
+        amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
+        for number, heard in enumerate(self.heard):
+            rows.stations[heard].received_power += amplitudes[..., number].ravel()
         align(part, rows, copies, self.sweeps, self._acted(part, effects))
-        return self._mean_features(part, rows, effects, copies, noise)
+        return self._features(part, rows, effects, noise)
+
+    def _distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
+        """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
+        return _mean(self._jittered(part, effects, noise, _DISTORTED), _DISTORTED)
 
     def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
-        levels = []
+        first = int(part.groups[0])
+        if first not in self._undistorted:
+            self._undistorted[first] = self._noisy_bands(part, ())
+        return np.nan_to_num(self._noisy_bands(part, effects) - self._undistorted[first])
+
+    def _noisy_bands(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the noise in bands of noisy sweeps (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
+        features = self._distorted(part, effects, True)
+        return np.array(
+            [self._bands(p, line, _DISTORTED)[0] for p, line in zip(features.power, features.line, strict=True)]
+        )
+
+    def _amplitudes(self, group: int, count: int) -> np.ndarray:
+        """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""
+        amplitude = self.sweeps[group].amplitude
+        return amplitude[np.linspace(0, len(amplitude) - 1, count).astype(int)] - amplitude.mean(axis=0)
+
+    def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].
+
+        Simulated among noise, as many sweeps as were measured, with the same noise as without them.
+        """
+        found = []
         for acting in (effects, ()):
-            features = self._distorted(part, acting, True)
-            levels.append(
-                [self._bands(p, line, _DISTORTED)[0] for p, line in zip(features.power, features.line, strict=True)]
+            copies = max(map(len, part.local))
+            features = self._jittered(part, acting, True, copies)
+            count = len(part.groups)
+            quiet, power = (
+                x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power)
             )
-        return np.nan_to_num(np.array(levels[0]) - np.array(levels[1]))
+            line = features.line.reshape(copies, count, -1).mean(axis=0)
+            uneven = np.array([unevenness(q)[0] for q in quiet])
+            bands = np.array([self._bands(p.mean(axis=0), at, copies)[0] for p, at in zip(power, line, strict=True)])
+            found.append((uneven, bands))
+        (uneven, bands), (even, plain) = found
+        return uneven - even, np.nan_to_num(bands - plain)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
@@ -409,14 +472,32 @@ class Comparison:
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
         return [way[local] - way[local].mean() for local in part.local]
 
-    def _predicted_noise(self, state: Measurements, line: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    def _filtered(
+        self, station: Station, state: Measurements, effects: Sequence[Effect], frequency: np.ndarray
+    ) -> np.ndarray:
+        """Return by how much the filters among `effects` pass power at frequencies (...) of a station's IF."""
+        filters = [e for e in effects if e.stage == Stage.FILTER and e.applies_to(station.name)]
+        if not filters:
+            return np.ones(frequency.shape)
+        one = state.rows(slice(0, 1))
+        count = station.sweep.sample_count
+        impulse = np.zeros((1, count, 2) if self.data.iq else (1, count), np.float32)
+        impulse[0, count // 2] = 1.0  # a cut at the Nyquist frequency rings both ways
+        for effect in filters:
+            effect.receive(impulse, next(s for s in one.stations if s.name == station.name), one, list)
+        spectrum = np.abs(np.fft.rfft(impulse[..., 0] if self.data.iq else impulse, axis=1)[0]) ** 2
+        return np.interp(frequency, np.arange(len(spectrum)) * station.sweep.sample_rate / count, spectrum)
+
+    def _predicted_noise(
+        self, state: Measurements, effects: Sequence[Effect], line: np.ndarray, amplitude: np.ndarray
+    ) -> np.ndarray:
         """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS): floor and skirts."""
         rate = state.stations[0].sweep.sample_rate
         centre = (np.arange(BANDS * 16) + 0.5) * (rate / 2 / (BANDS * 16))
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
         result = np.empty((len(line), len(self.heard), BANDS))
         for number, heard in enumerate(self.heard):
-            floor = self._floor(state.stations[heard])
+            station = state.stations[heard]
             at, own = centre[None, :], line[:, number, None]
             offsets = np.stack([np.abs(at - own), np.minimum(at + own, rate - at - own)])
             power = 10.0 ** (amplitude[:, number] / 10.0) / 4.0
@@ -427,10 +508,14 @@ class Comparison:
                 density = density * combination_gain(offsets, state.paths[0].delay[:, None])
             density = density.sum(axis=0)
             inside = np.abs(at - own) < LINE * (rate / 2 / (self.measured.lines.shape[-1] - 1))
-            skirt = np.where(inside, np.nan, density * rate * power[:, None]).reshape(len(line), BANDS, 16)
+            passed = self._filtered(station, state, effects, centre)
+            # the line's own power has passed the filters already
+            share = passed / self._filtered(station, state, effects, line[:, number])[:, None]
+            total = self._floor(station, passed) + np.where(inside, np.nan, share * density * rate * power[:, None])
+            bands = total.reshape(len(line), BANDS, 16)
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', RuntimeWarning)  # a band that a line fills is not compared
-                result[:, number] = 10.0 * np.log10(floor[:, None] + np.nanmedian(skirt, axis=2))
+                result[:, number] = 10.0 * np.log10(np.nanmedian(bands, axis=2))
         return result
 
     # --- vectors ---
@@ -450,6 +535,8 @@ class Comparison:
         lines = gaussian(values.lines[g], count) - gaussian(np.ones(1), count)
         yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
         yield 'mean', over('mean')
+        yield 'harmonic', np.nan_to_num(over('harmonic'))
+        yield 'burst', over('burst')
         yield 'noise', np.nan_to_num(over('noise'))
         yield 'beat', np.reshape(over('beat'), (1, 1))
         yield 'amplitude', over('amplitude')[:, None]
@@ -479,8 +566,17 @@ class Comparison:
 
     def template(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
-        distorting = tuple(e for e in effects if e.distorts())
-        linear = tuple(e for e in effects if not e.distorts())
-        if distorting and linear:  # apart, as a distortion takes many sweeps to simulate
-            return self._vector(self.predict(distorting)) + self._vector(self.predict(linear))
-        return self._vector(self.predict(effects))
+        # apart, as a distortion or a burst takes many sweeps to simulate
+        apart = [tuple(e for e in effects if (e.distorts(), e.bursts()) == kind) for kind in _SIMULATED_APART]
+        return sum(self._vector(self.predict(part)) for part in apart if part) if effects else self._vector(self.plain)
+
+
+def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:
+    """Return the means of copies of sweeps, of each group."""
+    count = len(features.carrier) // copies
+    means = {
+        f.name: getattr(features, f.name).reshape(copies, count, *getattr(features, f.name).shape[1:]).mean(axis=0)
+        for f in dataclasses.fields(SweepFeatures)
+        if f.name not in ('time', 'carrier')
+    }
+    return dataclasses.replace(features, **means, carrier=features.carrier[:count])

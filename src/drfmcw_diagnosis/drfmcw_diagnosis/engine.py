@@ -45,6 +45,8 @@ _LEVELS = {
     'ramp': ('if_samples', 'ramp_time'),
     'lines': ('if_spectrum', 'if_frequency'),
     'mean': ('if_spectrum', 'if_frequency'),
+    'harmonic': ('if_spectrum', 'range'),
+    'burst': ('noise', 'range'),
     'noise': ('noise', 'if_frequency'),
     'beat': ('beat_frequency', 'range'),
     'amplitude': ('amplitude', 'range'),
@@ -330,6 +332,8 @@ def _locations(comparison: Comparison) -> tuple[Location, ...]:
 _WORDS = {
     'lines': 'narrow lines in the IF spectrum',
     'mean': 'mean of the samples',
+    'harmonic': 'harmonics of the line',
+    'burst': 'bursts of noise',
     'noise': 'noise',
     'beat': 'common part of both beat frequencies',
     'amplitude': 'received power',

@@ -6,6 +6,8 @@ interface's nuisances) and are taken out; what remains is
 - ramp: log amplitude of both lines, and sum and difference of both phases, over the time in the sweep. The oscillators'
   noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
+- harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
+- burst: how unevenly over sweeps and spans of a sweep the power beside the line is spread;
 - noise: power of the spectrum in bands, lines left out;
 - beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
 - amplitude: received power;
@@ -38,6 +40,17 @@ from .dataset import delay_of_one
 BANDS = 8
 """Bands of equal width in which the noise is compared."""
 
+HARMONICS = (2, 3, 5)
+"""Multiples of the line's phase at which distortion shows."""
+
+SPAN = 64
+"""Samples over which the power without the line is taken."""
+
+BURST = 2.2
+"""Times the median power, which no span of steady noise reaches."""
+
+_SPAN_SHARE = 0.1  # of the window's largest power that a span must have
+_CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
 _BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
 LINE = 64
 """Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
@@ -64,6 +77,8 @@ class SweepFeatures:
     power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
     line: np.ndarray  # (n, S) frequency of each line [Hz]
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
+    quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
     beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
@@ -126,7 +141,7 @@ class Extractor:
         """
         parts = [self._chunk(tuple(x[i : i + 64] for x in samples), full_scale) for i in range(0, len(samples[0]), 64)]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std = found
+        ramp, power, line, mean, harmonic, quiet, beat, amplitude, delay, std, carrier, phase_std = found
         hardware = sum(c.delay for c in self.calibrations)
         velocity = SPEED_OF_LIGHT / index
         return SweepFeatures(
@@ -135,6 +150,8 @@ class Extractor:
             power=power,
             line=line,
             mean=mean,
+            harmonic=harmonic,
+            quiet=quiet,
             beat=beat,
             amplitude=amplitude,
             range=(delay - hardware) * velocity,
@@ -183,6 +200,20 @@ class Extractor:
                 ],
                 axis=1,
             ),
+            np.stack(
+                [
+                    self._harmonics(x, e.frequency, w, s.sweep)
+                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                ],
+                axis=1,
+            ),
+            np.stack(
+                [
+                    self._without_line(x, e.frequency, w, s.sweep)
+                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                ],
+                axis=1,
+            ),
         )
         if len(self.heard) == 1:
             (only,) = estimates
@@ -212,6 +243,51 @@ class Extractor:
             np.hypot(first.independent_std, second.independent_std) * self.phase_per_frequency,
         )
 
+    def _harmonics(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return the harmonics of one station's line over the line (n, 2 H), at the line's own phase.
+
+        Multiples of the line's phase fold back at 0 Hz and at the Nyquist frequency by themselves; NaN where one falls
+        on the line, its mirror or 0 Hz.
+        """
+        rate, step = sweep.sample_rate, np.arange(len(weights))
+        turns = frequency[:, None] / rate * step
+        turn = np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
+        weighted = _complex(samples, self.iq) * weights.astype(np.float32)
+        line = np.einsum('ij,ij->i', weighted, turn)
+        found = []
+        power, reached = turn, 1
+        for order in HARMONICS:
+            while reached < order:
+                power, reached = power * turn, reached + 1
+            value = np.einsum('ij,ij->i', weighted, power) * np.exp(-1j * order * np.angle(line)) / np.abs(line)
+            # in cycles per sample, between -1/2 and 1/2
+            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (order * frequency / rate, frequency / rate))
+            apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
+            found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
+        stacked = np.stack(found, axis=1)
+        return np.concatenate([stacked.real, stacked.imag], axis=1)
+
+    def _without_line(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return the power of one station's IF without its line in spans of the sweep (n, T) [LSB^2]."""
+        weights = (weights / weights.max()).astype(np.float32)
+        transform = np.fft.fft if self.iq else np.fft.rfft
+        spectrum = transform(_complex(samples, self.iq) * weights, axis=1)
+        bins = len(weights) // 2 + 1
+        masked = near_line(bins, frequency, sweep.sample_rate / len(weights), sweep.sample_rate)
+        spectrum[:, :bins][masked] = 0.0
+        if self.iq:
+            spectrum[:, bins:][masked[:, -2:0:-1]] = 0.0
+        left = np.fft.ifft(spectrum) if self.iq else np.fft.irfft(spectrum, len(weights))
+        spans = len(weights) // SPAN
+        power = (np.abs(left[:, : spans * SPAN]) ** 2).reshape(len(left), spans, SPAN).mean(axis=2)
+        expected = (weights[: spans * SPAN] ** 2).reshape(spans, SPAN).mean(axis=1)
+        clear = expected > _SPAN_SHARE
+        return power[:, clear] / expected[clear]
+
     def _path(self, estimates, row: int):
         """Return the combined delay of one sweep pair."""
         shares = []
@@ -220,6 +296,13 @@ class Extractor:
             beat = Beat(sweep.station, sweep.peer, row, 0, *map(float, values), 0, '', e.independent_std[row], e.window)
             shares.append(Share(beat, sweep, calibration))
         return combine(*shares)
+
+
+def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
+    """Return samples as complex numbers where they are I/Q pairs (n, N), else as they are."""
+    if not iq:
+        return samples.astype(np.float32)
+    return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
 
 
 def local_noise(power: np.ndarray) -> np.ndarray:
@@ -249,6 +332,34 @@ def gaussian(ratio: np.ndarray, count: int) -> np.ndarray:
 def median_of_mean(count: int) -> float:
     """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
     return (1.0 - 1.0 / (9.0 * count)) ** 3
+
+
+def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how unevenly power is spread, (S, 3), and its deviation under steady noise.
+
+    By which the mean of the spans' squares over the sweeps exceeds its median; the share of sweeps with a span of
+    more than `BURST` times the median, and the share of such spans.
+
+    Args:
+        quiet: power of n sweeps in spans (n, S, T).
+    """
+    n, _, spans = quiet.shape
+    over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
+    square = np.mean(over**2, axis=2)
+    middle = np.median(square, axis=0)
+    spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
+    share, sweeps = np.mean(over > BURST, axis=(0, 2)), np.mean(over.max(axis=2) > BURST, axis=0)
+    return (
+        np.stack([square.mean(axis=0) - middle, sweeps, share], axis=1),
+        np.stack(
+            [
+                1.6 * np.maximum(spread, 1e-9) / np.sqrt(n),  # of mean less median
+                np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
+                np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
+            ],
+            axis=1,
+        ),
+    )
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ _POOL = 30.0  # sweeps that the scatter in all groups counts for in each
 class Entries:
     """What the numbers of the vector are; arrays (n,)."""
 
-    kind: np.ndarray  # 'ramp', 'lines', 'mean', 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'
+    kind: np.ndarray  # 'ramp', 'lines', 'mean', 'harmonic', 'burst', 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'
     station: np.ndarray  # number among those with samples, -1 for the path; of ramp: number of the channel
     group: np.ndarray
     position: np.ndarray  # cosine term, bin, band or sweep
@@ -41,6 +41,8 @@ class Groups:
     ramp: np.ndarray  # (G, 2 S, K) cosine series, mean over the group
     lines: np.ndarray  # (G, S, B) power of narrow lines over the noise around [1]; 1 for none
     mean: np.ndarray  # (G, S, Q) [LSB]
+    harmonic: np.ndarray  # (G, S, 2 H) over the line [1]
+    burst: np.ndarray  # (G, S, 3) of `features.unevenness`
     noise: np.ndarray  # (G, S, BANDS) [dB of 1 LSB^2 per sample]
     beat: np.ndarray  # (G,) [Hz]
     amplitude: np.ndarray  # (G, S) [dB of 1 LSB]

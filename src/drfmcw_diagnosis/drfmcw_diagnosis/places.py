@@ -5,16 +5,18 @@ simulate each. Their first-order response is a rotating phasor, so transforms of
 The places only start a search. What an effect does is said by the simulator's forward model alone.
 """
 
+import dataclasses
 import math
 
 import numpy as np
 import scipy.fft
+from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from .comparison import Comparison
-from .features import LINE
+from .features import BURST, LINE, SPAN
 
 _FINE = 8  # transform bins per resolution cell
 _PEAKS = 3  # places of each effect
@@ -23,21 +25,46 @@ _PRODUCTS = np.concatenate([np.arange(0.25, 100.0, 0.1), np.geomspace(100.0, 100
 _SLOWEST_RIPPLE = 2.0  # periods within the sweep: slower ones are taken out with each sweep's frequency
 _FASTEST_SWAY = 5.0  # [Hz]
 _SWAY_CELLS = 2048  # at most
+_ALIASES = 32  # frequencies of sway that are looked at closely
+_REFLECTIONS = 6  # places of a reflection, whose fringes resemble each other
 _LONGEST = 500.0  # echo [m]
 
-CELLS = {'echo': 350, 'ground_reflection': 200, 'sweep_ripple': 60, 'spur': 1000, 'sway': 1000}
+_LEVEL_STEP = 2.0  # between limits that are tried [dB]
+_DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
+_COMPRESSIONS = (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3)
+_SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
+
+CELLS = {
+    'echo': 350,
+    'ground_reflection': 1000,
+    'sweep_ripple': 60,
+    'spur': 1000,
+    'sway': 2500,
+    'clipping': 20,
+    'compression': 6,
+    'interference_burst': 30,
+}
 """Independent places among which each search chooses, by effect."""
 
 
-def places(comparison: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
-    """Return values of an effect's sharp parameter at which it promises most, best first.
+def places(
+    comparison: Comparison, residual: np.ndarray, effect: str, station: int, parameter: str
+) -> list[dict[str, float]]:
+    """Return values at which an effect promises most, best first.
 
     Args:
         comparison: recording and model.
         residual: whitened remainder.
         effect: one of `CELLS`.
         station: its number, -1 for none.
+        parameter: the one that makes the effect sharp.
     """
+    if effect == 'interference_burst':
+        return _bursts(comparison, residual, station) if station >= 0 else []
+    return [{parameter: value} for value in _values(comparison, residual, effect, station)]
+
+
+def _values(comparison: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
     if effect == 'echo':
         return _echoes(comparison, residual)
     if effect == 'ground_reflection':
@@ -46,6 +73,8 @@ def places(comparison: Comparison, residual: np.ndarray, effect: str, station: i
         return _ripples(comparison, residual)
     if effect == 'sway':
         return _sways(comparison, residual)
+    if effect in ('clipping', 'compression'):
+        return _distortions(comparison, residual, effect, station) if station >= 0 else ()
     return () if station < 0 else _spurs(comparison, residual, station)
 
 
@@ -55,45 +84,54 @@ def _peaks(score: np.ndarray, count: int = _PEAKS, apart: int = _FINE // 2) -> l
     return [int(k) for k in high[np.argsort(score[high])[::-1][:count]]]
 
 
-class _Ramp:
-    """The ramp's remainder as time series over the sweep, weighted by their noise."""
+@dataclasses.dataclass(frozen=True)
+class _Phasors:
+    """How well the remainder of each group fits A exp(2 pi i f t) over the sweep, t from mid-sweep: arrays (G, cells).
 
-    def __init__(self, c: Comparison, residual: np.ndarray) -> None:
-        groups, channels, self.count = c.std.ramp.shape
-        z = residual[c.entries.where(kind='ramp')].reshape(groups, channels, self.count)
-        self.step = float(c.time[1] - c.time[0])
-        self.stations = channels // 2
-        self._over_time = scipy.fft.idct(z / c.std.ramp, norm='ortho', axis=-1)
-        self._weight = 1.0 / c.std.ramp**2
-        cells = _FINE * self.count
-        self.frequency = np.fft.rfftfreq(cells, self.step)  # of a phasor over the sweep [Hz]
-        self._cells = cells
+    With A = |A| exp(i a) the correlation is |A| Re(exp(i a) correlation), the template's power
+    |A|^2 (power + Re(exp(2 i a) imbalance)).
+    """
 
-    def phasor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (correlation, its variance) of each group (G, cells) with a phasor, in amplitude and phase sum alike.
+    frequency: np.ndarray  # (cells,) [Hz]
+    correlation: np.ndarray
+    power: np.ndarray
+    imbalance: np.ndarray
 
-        A second path does so: amplitude and phase of what it adds turn with its excess delay. Zero in mid-sweep.
-        """
-        amplitude = self._over_time[:, : self.stations].sum(axis=1)
-        phase = self._over_time[:, self.stations] * math.sqrt(self.stations)
-        weight = self._weight[:, : self.stations].sum(axis=1) + self.stations * self._weight[:, self.stations]
-        return self._transformed(amplitude + 1j * phase), self._at_cells(weight)
+    def gain(self) -> np.ndarray:
+        """Return by how much one phasor of any amplitude and phase lowers the misfit of all groups, (cells,)."""
+        real, imag = self.correlation.sum(axis=0).real, -self.correlation.sum(axis=0).imag
+        power, imbalance = self.power.sum(axis=0), self.imbalance.sum(axis=0)
+        determinant = np.maximum(power**2 - np.abs(imbalance) ** 2, 1e-12 * power**2 + 1e-30)
+        solved = (power - imbalance.real) * real**2 + (power + imbalance.real) * imag**2
+        return (solved + 2.0 * imbalance.imag * real * imag) / determinant
 
-    def ripple(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the same for a sine of the phases' difference, of all groups together (cells,)."""
-        return (
-            self._transformed(self._over_time[:, -1]).sum(axis=0),
-            self._at_cells(self._weight[:, -1]).sum(axis=0),
-        )
 
-    def _transformed(self, series: np.ndarray) -> np.ndarray:
-        turned = np.fft.fft(series, self._cells, axis=1)[:, : len(self.frequency)]
-        return turned * np.exp(1j * math.pi * self.frequency * self.step * (self.count - 1))
+def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors:
+    """Return how a phasor fits: in the phases as a synthesiser makes it, or in amplitudes and phases as a path does.
 
-    def _at_cells(self, weight: np.ndarray) -> np.ndarray:
-        """Return weights per cosine term at the cells' frequencies; half of a phasor's power is in each part."""
-        at = 2.0 * self.frequency * self.count * self.step
-        return np.stack([np.interp(at, np.arange(self.count), w) for w in weight]) * self.count / 2.0 + 1e-30
+    What a second path adds turns amplitude and phase alike; its phase has opposite signs in both stations' lines, that
+    of a synthesiser the same.
+    """
+    groups, channels, count = c.std.ramp.shape
+    stations = channels // 2
+    z = residual[c.entries.where(kind='ramp')].reshape(groups, channels, count) / c.std.ramp
+    weight = 1.0 / c.std.ramp**2
+    step = float(c.time[1] - c.time[0])
+    frequency = np.fft.rfftfreq(_FINE * count, step)[1:]
+    turn = 2.0 * math.pi * frequency[:, None] * step * (np.arange(count) - (count - 1) / 2.0)
+    basis = scipy.fft.dct(np.cos(turn), norm='ortho') + 1j * scipy.fft.dct(np.sin(turn), norm='ortho')
+    if synthesiser:
+        amplitude, amplitude_weight = z[:, stations], weight[:, stations]
+        phase, phase_weight = np.zeros_like(amplitude), np.zeros_like(amplitude_weight)
+    else:
+        amplitude, amplitude_weight = z[:, :stations].sum(axis=1), weight[:, :stations].sum(axis=1)
+        phase, phase_weight = math.sqrt(stations) * z[:, -1], stations * weight[:, -1]
+    return _Phasors(
+        frequency,
+        (amplitude - 1j * phase) @ basis.T,
+        (amplitude_weight + phase_weight) @ np.abs(basis.T) ** 2 / 2.0,
+        (amplitude_weight - phase_weight) @ basis.T**2 / 2.0,
+    )
 
 
 def _per_metre(c: Comparison) -> float:
@@ -102,10 +140,8 @@ def _per_metre(c: Comparison) -> float:
 
 
 def _echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
-    ramp = _Ramp(c, residual)
-    correlation, variance = ramp.phasor()
-    score = np.abs(correlation.sum(axis=0)) ** 2 / variance.sum(axis=0)
-    near = [float(ramp.frequency[k] / _per_metre(c)) for k in _peaks(score)]
+    phasors = _phasors(c, residual, False)
+    near = [float(phasors.frequency[k] / _per_metre(c)) for k in _peaks(phasors.gain())]
     return (*near, *_distant_echoes(c, residual))
 
 
@@ -124,29 +160,28 @@ def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
 
 
 def _reflections(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
-    ramp = _Ramp(c, residual)
-    correlation, variance = ramp.phasor()
+    phasors = _phasors(c, residual, False)
     distance = np.array([c.data.distance[m].mean() for m in c.members])
     excess = np.sqrt(distance**2 + 4.0 * _PRODUCTS[:, None]) - distance  # (products, groups)
-    turn = np.exp(-2j * math.pi * excess * c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT)
-    cell = np.rint(excess * _per_metre(c) / ramp.frequency[1]).astype(int).clip(0, len(ramp.frequency) - 1)
-    groups = np.arange(len(distance))
-    gained = np.sum((correlation[groups, cell] * turn).real, axis=1)
-    spent = np.sum(variance[groups, cell], axis=1)
-    # within one resolution cell it shows in the level alone
+    turn = np.exp(2j * math.pi * excess * c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT)
+    cell = np.rint(excess * _per_metre(c) / phasors.frequency[0]).astype(int) - 1
+    inside = (cell >= 0) & (cell < len(phasors.frequency))
+    at = np.arange(len(distance)), cell.clip(0, len(phasors.frequency) - 1)
+    correlation = np.where(inside, (turn * phasors.correlation[at]).real, 0.0)
+    power = np.where(inside, phasors.power[at] + (turn**2 * phasors.imbalance[at]).real, 0.0)
+    # within a resolution cell it shows in the level
     std = c.std.amplitude
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
-    gained += _DECIBEL * turn.real @ level.sum(axis=1)
-    spent += _DECIBEL**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
-    return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / spent))
+    gained = correlation.sum(axis=1) + _DECIBEL * turn.real @ level.sum(axis=1)
+    spent = power.sum(axis=1) + _DECIBEL**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
+    return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), _REFLECTIONS))
 
 
 def _ripples(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
-    ramp = _Ramp(c, residual)
-    correlation, variance = ramp.ripple()
-    score = np.abs(correlation) ** 2 / variance
-    score[ramp.frequency * ramp.count * ramp.step < _SLOWEST_RIPPLE] = 0.0
-    return tuple(float(ramp.frequency[k]) for k in _peaks(score))
+    phasors = _phasors(c, residual, True)
+    duration = float(c.time[-1] - c.time[0])
+    gain = np.where(phasors.frequency * duration < _SLOWEST_RIPPLE, 0.0, phasors.gain())
+    return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
 
 
 def _sways(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
@@ -160,18 +195,69 @@ def _sways(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     time = c.data.time[rows]
     step = max(0.25 / max(np.ptp(time), 1.0), _FASTEST_SWAY / (_FINE * _SWAY_CELLS))
     frequency = np.arange(1, int(_FASTEST_SWAY / step)) * step
-    score = np.empty(len(frequency))
-    for part in np.array_split(np.arange(len(frequency)), -(-len(frequency) // 2048)):
-        wave = np.exp(2j * math.pi * frequency[part, None] * time)
+
+    def score(frequency: np.ndarray) -> np.ndarray:
+        wave = np.exp(2j * math.pi * frequency[:, None] * time)
         for g in np.unique(group):  # a movement is told within its group only
             wave[:, group == g] -= wave[:, group == g].mean(axis=1, keepdims=True)
-        wave *= weight
-        # least squares with both quadratures
-        c_, s_ = wave.real, wave.imag
-        cc, ss, cs = np.sum(c_ * c_, axis=1), np.sum(s_ * s_, axis=1), np.sum(c_ * s_, axis=1)
-        a, b = c_ @ z, s_ @ z
-        score[part] = (ss * a * a - 2.0 * cs * a * b + cc * b * b) / np.maximum(cc * ss - cs * cs, 1e-30)
-    return tuple(float(frequency[k]) for k in _peaks(score, apart=2))
+        real, imag = (wave * weight).real, (wave * weight).imag
+        rr, ii, ri = np.sum(real * real, axis=1), np.sum(imag * imag, axis=1), np.sum(real * imag, axis=1)
+        a, b = real @ z, imag @ z
+        return (ii * a * a - 2.0 * ri * a * b + rr * b * b) / np.maximum(rr * ii - ri * ri, 1e-30)
+
+    coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
+    # pauses between groups leave many frequencies nearly alike: only between the steps the right one is the best
+    fine = np.concatenate([frequency[k] + step * np.linspace(-1.0, 1.0, 17) for k in _peaks(coarse, _ALIASES, 1)])
+    best = score(fine).reshape(-1, 17)
+    peaks = fine.reshape(-1, 17)[np.arange(len(best)), best.argmax(axis=1)]
+    return tuple(float(f) for f in peaks[np.argsort(best.max(axis=1))[::-1][:_PEAKS]])
+
+
+def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
+    """Return sizes of a station's distortion: none where its spectrum and levels are those of the model.
+
+    A distortion takes many simulated sweeps.
+    """
+    chances = []
+    for kind in ('harmonic', 'lines', 'noise', 'amplitude'):
+        z = residual[c.entries.where(kind=kind, station=station)]
+        used = np.count_nonzero(z)
+        share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
+        chances.append(stats.chi2.sf(z @ z / share, used / share) if used else 1.0)
+    if len(chances) * min(chances) > _SUSPICION:
+        return ()
+    if effect == 'compression':
+        return _COMPRESSIONS
+    full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
+    strongest = float(c.measured.amplitude[:, station].max()) - full_scale
+    return tuple(np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+
+
+def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str, float]]:
+    """Return what the sweeps with loud spans say of bursts; nothing where power is spread evenly."""
+    z = residual[c.entries.where(kind='burst', station=station)]
+    if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > _SUSPICION:
+        return []
+    shares, levels, lengths = [], [], []
+    for features in c.sweeps:
+        quiet = features.quiet[:, station]
+        loud = quiet > BURST * np.median(quiet)
+        shares.append(loud.any(axis=1))
+        levels.append((quiet[loud] - np.median(quiet)))
+        lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
+    share = float(np.mean(np.concatenate(shares)))
+    if share == 0.0:
+        return []
+    sweep = c.data.sweeps[0][c.heard[station]]
+    bandwidth = 2.0 * LINE / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
+    power = float(np.mean(np.concatenate(levels))) / max(1.0 - bandwidth, 0.5)
+    full_scale = float(np.median(c.data.full_scale[c.heard[station]]))
+    duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
+    level = 10.0 * math.log10(2.0 * power / full_scale**2)
+    return [
+        {'probability': min(share * more, 1.0), 'level': level + higher, 'duration': duration}
+        for more, higher in ((1.2, 0.0), (1.5, -2.0))
+    ]
 
 
 def _spurs(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:

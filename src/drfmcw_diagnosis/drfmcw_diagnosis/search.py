@@ -24,7 +24,8 @@ MOST_EFFECTS = 4
 
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
-_STARTS = 3  # places of each kind at which a refinement begins
+_STARTS = 6  # places of each kind at which a refinement begins
+_LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
@@ -32,9 +33,10 @@ _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _FAINT = 0.1  # length of a template below which it may be rounding only
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
-_CERTAIN = 2.0  # standard deviations that an effect's size must have
+_CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
+_BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
@@ -54,11 +56,12 @@ class FittedEffect:
 
     @property
     def certain(self) -> bool:
-        """False where the size may as well be zero: then the effect only lends its freedom to others."""
-        size = self.candidate.recipe.size
-        if not size or self.candidate.recipe.decibel or self.candidate.recipe.per_group:
-            return True
-        return abs(self.values[size]) > _CERTAIN * self.stds[size]
+        """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
+        recipe = self.candidate.recipe
+        needed = recipe.defining
+        if recipe.size and not (recipe.decibel or recipe.per_group):
+            needed = (recipe.size, *needed)
+        return all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in needed)
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -83,6 +86,11 @@ class Fitted:
         """Return the same with what `Search.settled` says of the first effects."""
         pairs = itertools.zip_longest(self.effects, told, fillvalue={})
         return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
+
+    @property
+    def certain(self) -> bool:
+        """False where one of the effects may as well be absent or another one."""
+        return all(e.certain for e in self.effects)
 
     @property
     def keys(self) -> tuple[tuple[str, str], ...]:
@@ -111,8 +119,19 @@ class Fitting:
     def _template(self, effects: Sequence[Effect]) -> np.ndarray:
         return self.comparison.template(effects)
 
-    def fit(self, start: Sequence[tuple[Candidate, dict[str, float]]], steps: int = _STEPS) -> Fitted:
-        """Fit the parameters of effects together, from given values."""
+    def fit(
+        self,
+        start: Sequence[tuple[Candidate, dict[str, float]]],
+        steps: int = _STEPS,
+        beside: np.ndarray | float = 0.0,
+    ) -> Fitted:
+        """Fit the parameters of effects together.
+
+        Args:
+            start: effects with the values at which the fit begins.
+            steps: at most, of Levenberg and Marquardt's method.
+            beside: template of other effects that stay as they are; the result's template contains it.
+        """
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
@@ -126,7 +145,7 @@ class Fitting:
                 values[i][name] = float(min(max(value, low), high))
             return [c.build(v) for c, v in zip(chosen, values, strict=True)]
 
-        template = self._template(effects_at(point))
+        template = beside + self._template(effects_at(point))
         misfit = self.misfit(template)
         damping = 1e-3
         normal = np.eye(len(point))
@@ -138,7 +157,7 @@ class Fitting:
                 moved[k] += step
                 if moved[k] > limits[k][1]:
                     moved[k] = point[k] - step
-                slope[k] = (self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
+                slope[k] = (beside + self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
             normal = slope @ slope.T
             gradient = slope @ ((y - template) * self._weight)
             improved = False
@@ -146,7 +165,7 @@ class Fitting:
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
                 trial = point + np.linalg.lstsq(matrix, gradient, rcond=None)[0]
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
-                other = self._template(effects_at(trial))
+                other = beside + self._template(effects_at(trial))
                 value = self.misfit(other)
                 if value < misfit:
                     improved = True
@@ -156,7 +175,7 @@ class Fitting:
                 break
             gain, misfit, point, template = misfit - value, value, trial, other
             damping *= 0.2
-            if gain < 0.01:
+            if gain < max(0.01, 1e-6 * misfit):
                 break
         covariance = np.linalg.pinv(normal + np.diag(1e-12 / prior**2))
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -182,14 +201,17 @@ class Fitting:
         entries = self.comparison.entries
         if fitted is None:
             return np.zeros(len(entries.kind))
-        lines = entries.where(kind='lines')
-        size = np.abs(fitted.template)
-        if not any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects):
-            return np.where(lines, _LINES_TRUST, self.comparison.known.trust) * size
-        # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
-        bins = self.comparison.measured.lines.shape[-1]
-        size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
-        return np.where(lines | entries.where(kind='noise'), _HARMONICS_TRUST, self.comparison.known.trust) * size
+        lines, size = entries.where(kind='lines'), np.abs(fitted.template)
+        trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
+        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
+        if any(e.distorts() for e in registered):
+            # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
+            bins = self.comparison.measured.lines.shape[-1]
+            size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
+            trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
+        if any(e.bursts() for e in registered):
+            trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
+        return trust * size
 
     def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
         """Return what each kind of number still holds, least probable first.
@@ -295,9 +317,8 @@ class Search(Fitting):
                     continue
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
-                    for value in places(self.comparison, residual, effect, number):
-                        start = dict(recipe.start) | {recipe.scanned: value}
-                        found.append(Candidate(effect, station, recipe.at(wave), start))
+                    for place in places(self.comparison, residual, effect, number, recipe.scanned):
+                        found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | place))
         return found
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
@@ -416,12 +437,13 @@ class Search(Fitting):
 
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
-        residual = self.comparison.residual - (current.template if current else 0.0)
+        beside = current.template if current else 0.0
+        residual = self.comparison.residual - beside
         have = {e.key for e in current.effects} if current else set()
         promising = self._promising(residual, have)
         chosen: dict[tuple, list] = {}
         for gain, candidate, values in promising:
-            if gain < 9.0:
+            if gain < _LEAST:
                 break
             begun = chosen.setdefault((candidate.key, candidate.free), [])
             if len(begun) < _STARTS:
@@ -430,12 +452,18 @@ class Search(Fitting):
         base = [(e.candidate, e.values) for e in current.effects] if current else []
         starts = []
         for starts_of in kinds:
-            at = [self.fit([*base, (candidate, values)], _FIRST_STEPS) for _, candidate, values in starts_of]
+            # a distortion takes long; one linear place is as good as its promise
+            linear = len(starts_of) == 1 and starts_of[0][1].recipe.size
+            effect = Effect.registry[starts_of[0][1].effect]
+            steps = 0 if linear or effect.distorts() or effect.bursts() else _FIRST_STEPS
+            at = [self.fit([(candidate, values)], steps, beside) for _, candidate, values in starts_of]
             starts.append(min(at, key=lambda f: f.misfit))
         results = []
+        enough = self.misfit(beside) - _LEAST
+        starts = [f for f in starts if f.misfit < enough]
         for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):
             self._progress('refinement', number / _REFINED)
-            results.append(self.fit([(e.candidate, e.values) for e in start.effects]))
+            results.append(self.fit([*base, *((e.candidate, e.values) for e in start.effects)]))
         return sorted(results, key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
@@ -466,7 +494,7 @@ class Search(Fitting):
                     continue
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
                 other = self.fit([*base, (candidate, values)])
-                if other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE:
+                if other.certain and other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE:
                     known = found.get(other.keys)
                     if known is None or other.misfit < known.misfit:
                         found[other.keys] = other
@@ -511,9 +539,9 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
             current = current.with_told(told)
         ranked = search.best_addition(current)
         rounds.append(ranked)
-        if not ranked:
+        best = next((f for f in ranked if f.certain), None)
+        if best is None:
             break
-        best = ranked[0]
         before = current.misfit if current else search.misfit(0.0)
         freedom = sum(len(e.candidate.free) for e in best.effects)
         freedom -= sum(len(e.candidate.free) for e in current.effects) if current else 0
@@ -521,7 +549,7 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
-        if chance > false_alarm_rate or best.evidence <= needed + 1.0 or not best.effects[-1].certain:
+        if chance > false_alarm_rate or best.evidence <= needed + 1.0:
             break
         current = search.settled(best)
     return current, significance, rounds

@@ -53,6 +53,11 @@ class Effect:
         """Return True where the effect is not linear in the IF, so that harmonics arise."""
         return cls.stage >= Stage.AMPLIFIER
 
+    @classmethod
+    def bursts(cls) -> bool:
+        """Return True where the effect comes and goes, so that only many sweeps show it."""
+        return False
+
     def applies_to(self, station: str) -> bool:
         """Return True where the effect acts at `station`; one without station acts at all."""
         return not self.station or self.station == station

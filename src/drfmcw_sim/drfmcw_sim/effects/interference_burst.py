@@ -25,6 +25,11 @@ class InterferenceBurst(Effect, name='interference_burst', of='station'):
     )
     duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='of a burst')
 
+    @classmethod
+    def bursts(cls) -> bool:
+        """Return True: a single sweep may hold none."""
+        return True
+
     def receive(
         self,
         signal: np.ndarray,
