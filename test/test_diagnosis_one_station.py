@@ -22,6 +22,7 @@ from drfmcw_sim.scenario import scenario_from_mapping
 
 DATA = Path(__file__).parent / 'data' / 'recording_0'
 IQ = {'waveform': {'iq': True}}
+IN_THE_IF = ('ramp', 'lines', 'mean', 'harmonic', 'burst')  # told by the samples alone
 
 
 def recorded(path, **sections):
@@ -90,7 +91,7 @@ def test_one_stations_residuals_are_noise(by_others, station):
     """Nothing is concealed in recording_0, whichever station's samples are left; T_off is in the range alone."""
     comparison = Comparison(alone(by_others, station))
     assert comparison.receivers == (by_others.stations[station],)
-    assert_noise(comparison, 'ramp', 'lines', 'mean', 'noise', 'amplitude', 'range', 'velocity')
+    assert_noise(comparison, *IN_THE_IF, 'noise', 'amplitude', 'range', 'velocity')
 
 
 @pytest.mark.parametrize('station', [0, 1])
@@ -106,7 +107,7 @@ def test_own_echos_residuals_are_noise(tmp_path, sections):
     data = read_dataset(own_echo(tmp_path / 'r', **sections))
     comparison = Comparison(data)
     assert comparison.measured.mean.shape == (5, 1, 2 if data.iq else 1)
-    assert_noise(comparison, 'ramp', 'lines', 'mean', 'noise', 'amplitude', 'range', 'velocity', 'movement')
+    assert_noise(comparison, *IN_THE_IF, 'noise', 'amplitude', 'range', 'velocity', 'movement')
     assert np.all(comparison.std.movement < 1e-4)
 
 
@@ -144,11 +145,11 @@ def test_effects_at_the_station_without_samples_act_on_its_peers_chirps(by_other
 @pytest.mark.parametrize(
     ('topics', 'compared', 'untold'),
     [
-        (['/reference'], {'ramp', 'lines', 'mean', 'noise', 'beat', 'amplitude', 'movement'}, '/reference/range'),
-        (['/calibration'], {'ramp', 'lines', 'mean', 'beat', 'amplitude', 'velocity', 'movement'}, '/slave/calib'),
-        (['/slave/if', '/reference'], {'ramp', 'lines', 'mean', 'noise'}, '/slave/if_samples'),
+        (['/reference'], {*IN_THE_IF, 'noise', 'beat', 'amplitude', 'movement'}, '/reference/range'),
+        (['/calibration'], {*IN_THE_IF, 'beat', 'amplitude', 'velocity', 'movement'}, '/slave/calib'),
+        (['/slave/if', '/reference'], {*IN_THE_IF, 'noise'}, '/slave/if_samples'),
         (['/slave/sweep_config', '/status', '/site'], None, '/site/temperature'),
-        (['/slave/if', '/slave/sweep', '/reference', '/calib', '/status', '/site'], {'ramp', 'lines', 'mean'}, '/site'),
+        (['/slave/if', '/slave/sweep', '/reference', '/calib', '/status', '/site'], {*IN_THE_IF}, '/site'),
     ],
     ids=['reference', 'calibration', 'slave and reference', 'conditions', 'all but one'],
 )
@@ -156,7 +157,7 @@ def test_what_is_missing_is_said_and_not_compared(tmp_path, topics, compared, un
     """Nothing is concealed: what is left is noise. Without weather the range is trusted to what air may do."""
     data = read_dataset(without(recorded(tmp_path / 'r'), tmp_path / 'less', *topics))
     comparison = Comparison(data)
-    everything = {'ramp', 'lines', 'mean', 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'}
+    everything = {*IN_THE_IF, 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'}
     assert_noise(comparison, *(compared or everything))
     assert any(untold in sentence for sentence in data.missing)
     if '/site' in topics and compared is None:

@@ -256,14 +256,22 @@ class Extractor:
         turn = np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
         weighted = _complex(samples, self.iq) * weights.astype(np.float32)
         line = np.einsum('ij,ij->i', weighted, turn)
+        if self.iq:  # a quadrature receiver's line may stand at negative frequency
+            mirror = np.einsum('ij,ij->i', weighted.conj(), turn)
+            below = np.abs(mirror) > np.abs(line)
+            weighted = np.where(below[:, None], weighted.conj(), weighted)
+            line = np.where(below, mirror, line)
         found = []
         power, reached = turn, 1
         for order in HARMONICS:
             while reached < order:
                 power, reached = power * turn, reached + 1
-            value = np.einsum('ij,ij->i', weighted, power) * np.exp(-1j * order * np.angle(line)) / np.abs(line)
+            # cos^3 and sin^3 of I and Q hold cos(3 psi) and -sin(3 psi): a line at three times the negative frequency
+            multiple = -order if self.iq and order % 4 == 3 else order
+            value = np.einsum('ij,ij->i', weighted, power if multiple > 0 else power.conj())
+            value = value * np.exp(-1j * multiple * np.angle(line)) / np.abs(line)
             # in cycles per sample, between -1/2 and 1/2
-            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (order * frequency / rate, frequency / rate))
+            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (multiple * frequency / rate, frequency / rate))
             apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
             found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
         stacked = np.stack(found, axis=1)

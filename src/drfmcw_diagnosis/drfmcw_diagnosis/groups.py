@@ -17,7 +17,7 @@ _POOL = 30.0  # sweeps that the scatter in all groups counts for in each
 class Entries:
     """What the numbers of the vector are; arrays (n,)."""
 
-    kind: np.ndarray  # 'ramp', 'lines', 'mean', 'harmonic', 'burst', 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'
+    kind: np.ndarray  # as the fields of `Groups`
     station: np.ndarray  # number among those with samples, -1 for the path; of ramp: number of the channel
     group: np.ndarray
     position: np.ndarray  # cosine term, bin, band or sweep

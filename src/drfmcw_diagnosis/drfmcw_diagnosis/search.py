@@ -282,6 +282,8 @@ class Search(Fitting):
     def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
         """Return whether the recording can show an effect: what does not grow with the size is rounding."""
         length, recipe = float(np.linalg.norm(template)), candidate.recipe
+        if candidate.effect == 'slant_geometry' and not self.comparison.known.range().any():
+            return False  # the measured distance that stands in for the reference is the slant one
         if length > _FAINT:
             return True
         if length <= _NOTHING or not recipe.size:
