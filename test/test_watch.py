@@ -36,17 +36,17 @@ STOP_LIMIT = 10.0  # for a process to end after a signal [s]
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 SWEEPS = 120
 STANDING = {'standing': {'distances': [60.0, 200.0, 350.0, 500.0, 640.0], 'sweeps': SWEEPS // 5, 'move_time': 3.0}}
-EFFECT = {'effect': 'reference_clock_offset', 'station': 'slave', 'deviation': 12.0}
+EFFECT = {'effect': 'sweep_ripple', 'station': 'master', 'deviation': 800.0, 'rate': 9000.0}
 
 
 @pytest.fixture(scope='module')
 def recordings(tmp_path_factory) -> dict[str, Path]:
-    """A crane that stands at five distances: as the model has it, and with one reference clock 12 ppm off."""
+    """A crane that stands at five distances: as the model has it, and with a ramp that ripples."""
     folder = tmp_path_factory.mktemp('watch')
     common = {'timing': {'sweep_interval': 0.02}, 'reference': {'range_std': 0.005}}
     return {
         'clean': record(scene(STANDING, **common), folder / 'clean'),
-        'clock': record(scene(STANDING, effects=[EFFECT], **common), folder / 'clock'),
+        'ripple': record(scene(STANDING, effects=[EFFECT], **common), folder / 'ripple'),
     }
 
 
@@ -373,25 +373,26 @@ def watched(directory: Path, **changes):
 def test_node_names_what_is_left_out(recordings, tmp_path):
     """The size lies within 4 of its standard deviations (the recording is fixed); Ctrl-C ends the node at once."""
     with watched(tmp_path) as (graph, heard, log):
-        graph.start('player', REPLAY, str(recordings['clock']), '--publish', '--rate', '4', '--loop', '0')
+        graph.start('player', REPLAY, str(recordings['ripple']), '--publish', '--rate', '4', '--loop', '0')
         said = heard.wait(lambda s: s.message.startswith('left out of the model: '), log)
         assert said.level == DiagnosticStatus.WARN
-        assert 'reference clock offset at slave' in said.message
+        assert 'sweep ripple at master' in said.message
         values = {v.key: v.value for v in said.values}
         assert (values['verdict'], values['sweeps judged']) == ('explained', str(SWEEPS))
-        assert (values['effect 1'], values['effect 1 station']) == ('reference_clock_offset', 'slave')
-        size, std = (float(values[f'effect 1 deviation{x} [ppm]']) for x in ('', ' std'))
-        assert abs(size - 12.0) < 4 * std < 1.0
-        assert float(values['misfit before']) > 10.0 > 1.1 > float(values['misfit after'])
+        assert (values['effect 1'], values['effect 1 station']) == ('sweep_ripple', 'master')
+        for name in ('deviation', 'rate'):
+            size, std = (float(values[f'effect 1 {name}{x} [Hz]']) for x in ('', ' std'))
+            assert abs(size - EFFECT[name]) < 4 * std < 0.05 * size
+        assert float(values['misfit before']) > 2.0 > 1.1 > float(values['misfit after'])
         process = graph.members['watch'].process
         graph.stop('watch')
         assert process.returncode == 0
         text = log.read_text(encoding='utf-8')
-        assert 'reference clock offset at slave' in text and 'Traceback' not in text
+        assert 'sweep ripple at master' in text and 'Traceback' not in text
     (folder,) = (tmp_path / 'findings').iterdir()
     assert {p.name for p in folder.iterdir()} == {'finding.json', 'report.html', 'refined.yaml'}
     finding = json.loads((folder / 'finding.json').read_text(encoding='utf-8'))
-    assert finding['effects'][0]['effect'] == 'reference_clock_offset' and finding['window']['sweeps'] == SWEEPS
+    assert finding['effects'][0]['effect'] == 'sweep_ripple' and finding['window']['sweeps'] == SWEEPS
 
 
 @pytest.mark.graph
@@ -414,7 +415,7 @@ def test_signal_ends_a_node_that_searches(recordings, tmp_path):
     """Within ten seconds, status 0, no traceback; one station's sweeps come compressed here."""
     with watched(tmp_path, **{'window.interval': 0.0, 'second_source': 'compressed'}) as (graph, heard, log):
         graph.start('slave', STATION, '--station', 'slave', *parameters({'output': 'compressed'}))
-        graph.start('player', REPLAY, str(recordings['clock']), '--publish', '--rate', '4', '--loop', '0')
+        graph.start('player', REPLAY, str(recordings['ripple']), '--publish', '--rate', '4', '--loop', '0')
         said = heard.wait(lambda s: 'searching for what it leaves out' in s.message, log)
         assert {v.key: v.value for v in said.values}['stations heard'] == 'master, slave'
         process = graph.members['watch'].process
