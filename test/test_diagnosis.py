@@ -35,8 +35,9 @@ def test_every_recipe_fits_its_effect():
         declared = declared_parameters(Effect.registry[effect])
         for recipe in recipes:
             assert set(recipe.prior) <= set(declared)
-            assert {*recipe.start, *recipe.grid, *filter(None, (recipe.size, recipe.turn[0]))} <= set(declared)
-            assert set(recipe.prior) <= {*recipe.start, *recipe.grid, recipe.quadrature[0]}
+            named = {*recipe.start, *recipe.grid, *recipe.defining}
+            assert {*named, *filter(None, (recipe.size, recipe.turn[0], recipe.scanned))} <= set(declared)
+            assert set(recipe.prior) <= {*recipe.start, *recipe.grid, recipe.quadrature[0], recipe.scanned}
             assert all(prior > 0 for prior in recipe.prior.values())
 
 
@@ -56,6 +57,7 @@ def test_residuals_of_a_recording_by_others_are_noise():
         ('movement', 0.5, 1.5),
         ('noise', 0.3, 1.5),
         ('mean', 0.2, 2.2),
+        ('harmonic', 0.6, 1.5),
     ):
         numbers = residual[entries.where(kind=kind)]
         numbers = numbers[numbers != 0.0]
@@ -77,9 +79,11 @@ def test_templates_are_smooth_in_the_size():
     comparison = Comparison(read_dataset(DATA / 'recording_0'), np.arange(96))
     for effect, recipes in RECIPES.items():
         recipe = recipes[0]
-        if not recipe.size or recipe.decibel or recipe.per_group or effect == 'compression':
+        if not recipe.size or recipe.decibel or recipe.per_group:
             continue
         shape = {name: values[len(values) // 2] for name, values in recipe.grid.items()}
+        if recipe.scanned:
+            shape[recipe.scanned] = recipe.prior[recipe.scanned]
         station = 'master' if Effect.registry[effect].of == 'station' else ''
 
         def added(scale, effect=effect, recipe=recipe, shape=shape, station=station):

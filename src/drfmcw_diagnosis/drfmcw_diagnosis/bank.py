@@ -120,8 +120,8 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
     'interference_burst': (
-        Recipe('', {}, {'probability': 0.5, 'level': 20.0, 'duration': 1e-4}, scanned='probability',
-               steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5}),
+        Recipe('', {'level': -50.0, 'duration': 5e-5}, {'probability': 0.5, 'level': 20.0, 'duration': 1e-4},
+               scanned='probability', steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5}),
     ),
     'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),
     'reference_offset': (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),),
