@@ -14,6 +14,7 @@ from drfmcw_sim.effects import Effect
 from .bank import RECIPES
 from .comparison import FEWEST, Comparison
 from .dataset import Dataset, read_dataset
+from .leftovers import leftovers
 from .next_measurement import ranked
 from .refined import write_scenario
 from .result import (
@@ -102,7 +103,7 @@ def diagnose_dataset(
     comparison = Comparison(data)
     search = Search(comparison, progress, without)
     found, significance, rounds = forward(search, false_alarm_rate)
-    left = search.leftovers(found)
+    left = leftovers(search, found)
     unexplained = [x for x in left if x.probability < false_alarm_rate]
     rivals: list[Fitted] = []
     if unexplained:
@@ -161,7 +162,7 @@ def check(data: Dataset) -> tuple[float, float]:
         ConfigurationError: the data lack what is needed.
     """
     comparison = Comparison(data)
-    return Fitting(comparison).leftovers(None)[0].probability, _per_freedom(comparison, 0.0)
+    return leftovers(Fitting(comparison), None)[0].probability, _per_freedom(comparison, 0.0)
 
 
 def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:

@@ -243,7 +243,7 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str,
         quiet = features.quiet[:, station]
         loud = quiet > BURST * np.median(quiet)
         shares.append(loud.any(axis=1))
-        levels.append((quiet[loud] - np.median(quiet)))
+        levels.append(quiet[loud] - np.median(quiet))
         lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
     share = float(np.mean(np.concatenate(shares)))
     if share == 0.0:

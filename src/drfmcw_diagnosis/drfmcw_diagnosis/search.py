@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
-import scipy.fft
 from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
@@ -29,7 +28,6 @@ _LEAST = 14.0  # promised gain of a place that is tried: too little to be accept
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
-_WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _FAINT = 0.1  # length of a template below which it may be rounding only
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
@@ -98,16 +96,6 @@ class Fitted:
         return tuple(sorted(e.key for e in self.effects))
 
 
-@dataclasses.dataclass(frozen=True)
-class Leftover:
-    """What one kind of number at one station still holds."""
-
-    kind: str
-    station: int
-    probability: float  # of so much by chance
-    excess: float  # of squared whitened residuals over their number
-
-
 class Fitting:
     """Fits the parameters of effects to one comparison."""
 
@@ -157,7 +145,9 @@ class Fitting:
                 moved[k] += step
                 if moved[k] > limits[k][1]:
                     moved[k] = point[k] - step
-                slope[k] = (beside + self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
+                slope[k] = (
+                    (beside + self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
+                )
             normal = slope @ slope.T
             gradient = slope @ ((y - template) * self._weight)
             improved = False
@@ -213,32 +203,19 @@ class Fitting:
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
         return trust * size
 
-    def leftovers(self, fitted: Fitted | None) -> list[Leftover]:
-        """Return what each kind of number still holds, least probable first.
-
-        What the forward models may be off by counts as noise, see `doubt`.
-        """
-        c = self.comparison
-        template = fitted.template if fitted else np.zeros(len(c.residual))
-        rest = (c.residual - template) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+    def slopes(self, fitted: Fitted) -> np.ndarray:
+        """Return by how much each parameter of an explanation changes its template (parameters, n)."""
+        effects = list(fitted.effects)
         found = []
-        for kind, station in c.entries.kinds():
-            z = rest[c.entries.where(kind=kind, station=station)]
-            z = z[z != 0.0]
-            if len(z) < 4:
-                continue
-            # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
-            freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
-            chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
-            largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
-            tests = [chi, largest]
-            if kind == 'ramp':
-                tests += _common(rest[c.entries.where(kind=kind, station=station)].reshape(len(c.members), -1))
-            probability = min(1.0, len(tests) * min(tests))
-            found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
-        count = len(found)
-        found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
-        return sorted(found, key=lambda f: f.probability)
+        for number, effect in enumerate(effects):
+            for name in effect.candidate.free:
+                step = effect.candidate.recipe.step(name, effect.values[name])
+                if effect.values[name] + step > _bounds(effect.candidate.effect, name)[1]:
+                    step = -step
+                moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
+                others = [moved if i == number else e for i, e in enumerate(effects)]
+                found.append((self._template([e.build() for e in others]) - fitted.template) / step)
+        return np.array(found)
 
 
 class Search(Fitting):
@@ -496,24 +473,15 @@ class Search(Fitting):
                     continue
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
                 other = self.fit([*base, (candidate, values)])
-                if other.certain and other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE:
+                if (
+                    other.certain
+                    and other.misfit - fitted.misfit < _RIVAL
+                    and other.evidence > fitted.evidence - _WORSE
+                ):
                     known = found.get(other.keys)
                     if known is None or other.misfit < known.misfit:
                         found[other.keys] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
-
-
-def _common(rest: np.ndarray) -> list[float]:
-    """Return the chances of what all groups have in common over the sweep (G, K): in all terms, and in any window."""
-    used = np.any(rest != 0.0, axis=0)
-    mean = rest.sum(axis=0) / math.sqrt(len(rest))
-    over_time = scipy.fft.idct(mean, norm='ortho')
-    windows = [np.abs(np.convolve(over_time, np.ones(width), 'valid')).max() / math.sqrt(width) for width in _WINDOWS]
-    freedom = np.count_nonzero(used) / 1.1
-    return [
-        float(stats.chi2.sf(np.mean(mean[used] ** 2) * freedom / 1.1, freedom)),
-        float(min(1.0, len(_WINDOWS) * len(over_time) * 2.0 * stats.norm.sf(max(windows) / 1.1))),
-    ]
 
 
 def _bounds(effect: str, name: str) -> tuple[float, float]:
