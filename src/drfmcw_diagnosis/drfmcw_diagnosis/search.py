@@ -34,6 +34,7 @@ _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot
 _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
+_COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
 _BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
@@ -123,7 +124,7 @@ class Fitting:
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
-        limits = [_bounds(chosen[i].effect, name) for i, name in names]
+        limits = [self.bounds(chosen[i].effect, name) for i, name in names]
         prior = np.array([chosen[i].prior(name) for i, name in names])
         y = self.comparison.residual
 
@@ -145,9 +146,8 @@ class Fitting:
                 moved[k] += step
                 if moved[k] > limits[k][1]:
                     moved[k] = point[k] - step
-                slope[k] = (
-                    (beside + self._template(effects_at(moved)) - template) / (moved[k] - point[k]) * self._weight
-                )
+                change = beside + self._template(effects_at(moved)) - template
+                slope[k] = change / (moved[k] - point[k]) * self._weight
             normal = slope @ slope.T
             gradient = slope @ ((y - template) * self._weight)
             improved = False
@@ -178,6 +178,15 @@ class Fitting:
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
         return Fitted(tuple(fitted), misfit, template, evidence)
 
+    def bounds(self, effect: str, name: str) -> tuple[float, float]:
+        """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
+        base = name.partition('[')[0]
+        _, declared = declared_parameters(Effect.registry[effect])[base]
+        low, high = declared.bounds or (-math.inf, math.inf)
+        if base == 'time_constant':  # what takes much longer than the recording is an offset or a steady drift
+            high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
+        return low, high
+
     def misfit(self, template: np.ndarray | float) -> float:
         """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
         return float(np.sum(((self.comparison.residual - template) * self._weight) ** 2))
@@ -199,6 +208,7 @@ class Fitting:
             bins = self.comparison.measured.lines.shape[-1]
             size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
             trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
+            trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
         if any(e.bursts() for e in registered):
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
         return trust * size
@@ -210,7 +220,7 @@ class Fitting:
         for number, effect in enumerate(effects):
             for name in effect.candidate.free:
                 step = effect.candidate.recipe.step(name, effect.values[name])
-                if effect.values[name] + step > _bounds(effect.candidate.effect, name)[1]:
+                if effect.values[name] + step > self.bounds(effect.candidate.effect, name)[1]:
                     step = -step
                 moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
                 others = [moved if i == number else e for i, e in enumerate(effects)]
@@ -396,7 +406,7 @@ class Search(Fitting):
             values[recipe.size] += 20.0 * math.log10(scale)
         else:
             values[recipe.size] *= scale
-        low, high = _bounds(candidate.effect, recipe.size)
+        low, high = self.bounds(candidate.effect, recipe.size)
         values[recipe.size] = min(max(values[recipe.size], low), high)
         return gain, candidate, values
 
@@ -404,7 +414,7 @@ class Search(Fitting):
         """Return what scaling a template in each group on its own promises, and the values with which to begin."""
         template = self._template([candidate.build()])
         gain, values = 0.0, {}
-        low, high = _bounds(candidate.effect, candidate.recipe.size)
+        low, high = self.bounds(candidate.effect, candidate.recipe.size)
         for number, (name, value) in enumerate(candidate.values.items()):
             inside = self.comparison.entries.group == number
             power = float(template[inside] @ template[inside])
@@ -473,21 +483,12 @@ class Search(Fitting):
                     continue
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
                 other = self.fit([*base, (candidate, values)])
-                if (
-                    other.certain
-                    and other.misfit - fitted.misfit < _RIVAL
-                    and other.evidence > fitted.evidence - _WORSE
-                ):
+                near = other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE
+                if near and other.certain:
                     known = found.get(other.keys)
                     if known is None or other.misfit < known.misfit:
                         found[other.keys] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
-
-
-def _bounds(effect: str, name: str) -> tuple[float, float]:
-    """Return the declared bounds of a parameter."""
-    _, declared = declared_parameters(Effect.registry[effect])[name.partition('[')[0]]
-    return declared.bounds or (-math.inf, math.inf)
 
 
 def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, float, list[list[Fitted]]]:
