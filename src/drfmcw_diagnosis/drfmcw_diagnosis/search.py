@@ -27,6 +27,7 @@ _STARTS = 6  # places of each kind at which a refinement begins
 _LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
 _STEPS = 12  # of Levenberg and Marquardt's method
+_OFF = 0.01  # by which a model may be off throughout, relative to what it adds
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _FAINT = 0.1  # length of a template below which it may be rounding only
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
@@ -424,6 +425,19 @@ class Search(Fitting):
             values[name] = min(max(scale * value, low), high)
         return gain, candidate, values
 
+    def again(self, fitted: Fitted) -> Fitted:
+        """Return an explanation fitted again from where it is."""
+        told = [e.told for e in fitted.effects]
+        return self.fit([(e.candidate, e.values) for e in fitted.effects], 4).with_told(told)
+
+    def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
+        """Return the gain that an effect may owe to what the models of the others are off by, all in its favour."""
+        if others is None:
+            return 0.0
+        template = np.abs(self._template([effect.build()])) * self._weight
+        doubt = _OFF * np.abs(others.template) * self._weight
+        return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
+
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
         beside = current.template if current else 0.0
@@ -505,22 +519,38 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
     for _ in itertools.repeat(None, MOST_EFFECTS):
         if current is not None:
             search.trust(current)
-            told = [e.told for e in current.effects]
-            current = search.fit([(e.candidate, e.values) for e in current.effects], 4)
-            current = current.with_told(told)
+            current = search.again(current)
         ranked = search.best_addition(current)
         rounds.append(ranked)
         best = next((f for f in ranked if f.certain), None)
         if best is None:
             break
         before = current.misfit if current else search.misfit(0.0)
-        freedom = sum(len(e.candidate.free) for e in best.effects)
-        freedom -= sum(len(e.candidate.free) for e in current.effects) if current else 0
-        chance = search.probability(before - best.misfit, freedom, best.effects[-1].key)
+        added = best.effects[-1]
+        gain = before - best.misfit - search.imitated(added, current)
+        chance = search.probability(gain, len(added.candidate.free), added.key)
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
         if chance > false_alarm_rate or best.evidence <= needed + 1.0:
             break
         current = search.settled(best)
-    return current, significance, rounds
+    return pruned(search, current, false_alarm_rate), significance, rounds
+
+
+def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:
+    """Return an explanation without the effects that the others leave too little to explain."""
+    while found is not None and len(found.effects) > 1:
+        search.trust(found)
+        found = search.again(found)
+        chances = []
+        for number, effect in enumerate(found.effects):
+            rest = tuple(e for i, e in enumerate(found.effects) if i != number)
+            without = search.again(dataclasses.replace(found, effects=rest))
+            gain = without.misfit - found.misfit - search.imitated(effect, without)
+            chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
+        chance, without = max(chances, key=lambda item: item[0])
+        if chance <= false_alarm_rate:
+            break
+        found = without
+    return found
