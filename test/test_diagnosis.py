@@ -1,20 +1,25 @@
 """Diagnosis of recordings made by the independent generator, and of recordings by others."""
 
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.fft
 
-from drfmcw_diagnosis.bank import RECIPES
+from drfmcw_diagnosis.bank import RECIPES, candidates
 from drfmcw_diagnosis.comparison import Comparison
 from drfmcw_diagnosis.dataset import read_dataset
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
+from drfmcw_diagnosis.leftovers import leftovers
+from drfmcw_diagnosis.places import places
 from drfmcw_diagnosis.proof.draws import Extent, random_condition
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import nominal
 from drfmcw_diagnosis.proof.recordings import write_recording
+from drfmcw_diagnosis.search import Fitting
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effects import Effect
 
@@ -94,6 +99,50 @@ def test_templates_are_smooth_in_the_size():
 
         once, twice = added(1.0), added(2.0)
         assert np.linalg.norm(twice - 2.0 * once) < 0.03 * np.linalg.norm(twice) + 0.03, effect
+
+
+@pytest.mark.parametrize(
+    ('effect', 'station', 'parameter', 'shape'),
+    [
+        ('echo', '', 'excess_range', {'excess_range': 23.4, 'relative_power': -55.0}),
+        ('ground_reflection', '', 'height_product', {'height_product': 61.3, 'coefficient': 0.004}),
+        ('sweep_ripple', 'slave', 'rate', {'rate': 13.4e3, 'deviation': 40.0, 'phase': 1.0}),
+        ('sway', '', 'frequency', {'frequency': 0.37, 'amplitude': 1e-3}),
+        ('spur', 'slave', 'frequency', {'frequency': 333.3e3, 'level': -75.0}),
+    ],
+)
+def test_places_are_where_the_simulator_puts_the_effect(effect, station, parameter, shape):
+    """A remainder that is an effect's template shows its sharp parameter within a resolution cell or a fringe."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    template = comparison.template([Effect.registry[effect](**shape, station=station)])
+    number = comparison.data.stations.index(station) if station else -1
+    found = [place[parameter] for place in places(comparison, template, effect, number, parameter)]
+    # resolution of the sweep: 1 kHz, 1.5 m; a fringe of the nearest place; a quarter turn of sway over the recording
+    width = {'echo': 0.75, 'ground_reflection': 0.5, 'sweep_ripple': 500.0, 'sway': 2e-3, 'spur': 1000.0}[effect]
+    assert min(abs(value - shape[parameter]) for value in found) < width
+
+
+def test_an_event_is_left_over_beside_what_imitates_it():
+    """A jump of the phase that two settlings of a PLL imitate as well as they can is still seen; without it, nothing.
+
+    The recording is fixed and conceals nothing: no chance.
+    """
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    fitting = Fitting(comparison)
+    noise = comparison.residual
+    entries, std = comparison.entries, comparison.std.ramp[:, 2]
+    jump = np.zeros(len(noise))
+    over_time = (np.arange(std.shape[1]) > 40).astype(float)
+    jump[entries.where(kind='ramp', station=2)] = (scipy.fft.dct(over_time, norm='ortho') / std).ravel()
+    comparison.residual = noise + 14.0 * jump / np.linalg.norm(jump)
+    bank = candidates(comparison.data.stations, {'phase_noise': {'level': -90.0, 'corner': 1e5}}, 14)
+    settling = next(c for c in bank if c.effect == 'pll_settling')
+    start = [(dataclasses.replace(settling, station=s), dict(settling.values)) for s in comparison.data.stations]
+    fitted = fitting.fit(start)
+    assert fitted.misfit < fitting.misfit(0.0) - 100.0  # it does imitate
+    assert leftovers(fitting, fitted)[0].probability < 1e-4
+    comparison.residual = noise
+    assert leftovers(fitting, None)[0].probability > 0.01
 
 
 @pytest.mark.slow

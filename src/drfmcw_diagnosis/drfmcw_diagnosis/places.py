@@ -25,7 +25,9 @@ _PRODUCTS = np.concatenate([np.arange(0.25, 100.0, 0.1), np.geomspace(100.0, 100
 _SLOWEST_RIPPLE = 2.0  # periods within the sweep: slower ones are taken out with each sweep's frequency
 _FASTEST_SWAY = 5.0  # [Hz]
 _SWAY_CELLS = 2048  # at most
-_ALIASES = 32  # frequencies of sway that are looked at closely
+_ALIASES = 512  # frequencies of sway that are looked at closely
+_FAINT = 12.0  # gain below which no sway is looked for
+_TOP = 17  # points at which each of them is
 _REFLECTIONS = 6  # places of a reflection, whose fringes resemble each other
 _LONGEST = 500.0  # echo [m]
 
@@ -206,11 +208,18 @@ def _sways(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
         return (ii * a * a - 2.0 * ri * a * b + rr * b * b) / np.maximum(rr * ii - ri * ri, 1e-30)
 
     coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
-    # pauses between groups leave many frequencies nearly alike: only between the steps the right one is the best
-    fine = np.concatenate([frequency[k] + step * np.linspace(-1.0, 1.0, 17) for k in _peaks(coarse, _ALIASES, 1)])
-    best = score(fine).reshape(-1, 17)
-    peaks = fine.reshape(-1, 17)[np.arange(len(best)), best.argmax(axis=1)]
-    return tuple(float(f) for f in peaks[np.argsort(best.max(axis=1))[::-1][:_PEAKS]])
+    if coarse.max() < _FAINT:
+        return ()
+    # pauses between groups leave many frequencies nearly alike: only at their very tops the right one is the highest
+    fine = np.concatenate([frequency[k] + step * np.linspace(-1.0, 1.0, _TOP) for k in _peaks(coarse, _ALIASES, 1)])
+    fine, best = fine.reshape(-1, _TOP), score(fine).reshape(-1, _TOP)
+    row, at = np.arange(len(best)), best.argmax(axis=1).clip(1, _TOP - 2)
+    left, middle, right = (best[row, at + i] for i in (-1, 0, 1))
+    bend = np.minimum(left - 2.0 * middle + right, -1e-30)
+    offset = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
+    height = middle - 0.25 * (left - right) * offset
+    peaks = fine[row, at] + offset * (fine[0, 1] - fine[0, 0])
+    return tuple(float(f) for f in peaks[np.argsort(height)[::-1][:_PEAKS]])
 
 
 def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
