@@ -6,7 +6,7 @@ plausibly be: it decides how much evidence a good fit must bring to pay for its 
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -155,15 +155,20 @@ class Candidate:
 
     def build(self, values: Mapping[str, float] | None = None) -> Effect:
         """Return the effect with `values`, by default those at which the fit begins."""
+        return Effect.registry[self.effect](**self.parameters(values or self.values), station=self.station)
+
+    def parameters(self, values: Mapping[str, float]) -> dict[str, float | tuple[float, ...]]:
+        """Return parameters as the registry takes them: those by group as one list, zero where a group has none."""
         single, several = {}, {}
-        for name, value in (values or self.values).items():
-            base, bracket, _ = name.partition('[')
-            if bracket or base == 'velocity':
-                several.setdefault(base, []).append(value)
+        for name, value in values.items():
+            base, bracket, number = name.partition('[')
+            if bracket:
+                several.setdefault(base, {})[int(number.rstrip(']'))] = value
+            elif base == 'velocity':
+                single[base] = (value,)
             else:
                 single[base] = value
-        lists = {name: tuple(found) for name, found in several.items()}
-        return Effect.registry[self.effect](**single, **lists, station=self.station)
+        return single | {b: tuple(found.get(g, 0.0) for g in range(max(found) + 1)) for b, found in several.items()}
 
     def moved(self, **changes: float) -> 'Candidate':
         """Return the candidate with other values to begin with."""
@@ -173,7 +178,7 @@ class Candidate:
 def candidates(
     stations: tuple[str, ...],
     calibrated: Mapping[str, Mapping[str, float]],
-    groups: int,
+    groups: Sequence[int],
     without: Collection[str] = (),
 ) -> Iterator[Candidate]:
     """Yield the places of the bank that do not depend on the recording.
@@ -181,12 +186,12 @@ def candidates(
     Args:
         stations: names.
         calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
-        groups: in which sizes may differ.
+        groups: numbers of those in which sizes may differ.
         without: effects that are left out.
     """
     for effect, recipes in RECIPES.items():
         for recipe in recipes:
-            if effect in without or recipe.scanned or (recipe.per_group and groups < 2):
+            if effect in without or recipe.scanned or (recipe.per_group and len(groups) < 2):
                 continue
             for station in at_stations(effect, recipe, stations):
                 for values in itertools.product(*recipe.grid.values()):
@@ -195,7 +200,7 @@ def candidates(
                         start['level'] += calibrated['phase_noise']['level']
                         start['corner'] *= calibrated['phase_noise']['corner']
                     if recipe.per_group:
-                        start = {f'{recipe.size}[{g}]': start[recipe.size] for g in range(groups)}
+                        start = {f'{recipe.size}[{g}]': start[recipe.size] for g in groups}
                     yield Candidate(effect, station, recipe, start)
 
 

@@ -41,6 +41,9 @@ _SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
 _AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
 _AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
+_NEAREST_LINE = 40e3  # to 0 Hz and to the Nyquist frequency: the mirror line is then clear of the ramp [Hz]
+_ASTRAY = 1.0  # by which a range differs from those of its group where a line was mistaken [m]
+_ASTRAY_SPREADS = 30.0  # or by so many of their median deviations, if that is more
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
@@ -82,14 +85,15 @@ class Comparison:
             if len(data.stations) == 2:
                 raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
             self.members = members
-        self.known = Known(data, self.heard, self.members, self.scatters)
-        self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
-        self.sweeps: list[SweepFeatures] = [None] * len(self.members)
-        for part in self.parts:
-            for g in part.groups:
-                samples = tuple(data.samples[i][self.members[g]] for i in self.heard)
-                scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
-                self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
+        self.unsound = 0  # sweeps whose lines were not found where they should be
+        self._extract()
+        sound = [self._sound(g) for g in range(len(self.members))]
+        if len(data.stations) == 2 and not all(s.all() for s in sound) and any(s.sum() >= FEWEST for s in sound):
+            kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= FEWEST]
+            self.unsound = sum(map(len, self.members)) - sum(map(len, kept))
+            self.members = kept
+            self._extract()
+        self.known = Known(data, self.heard, self.members, self.scatters, self.unsound)
         self.time, self.channels = self.sweeps[0].time, self.parts[0].extract.channels
         slope, slope_std = data.velocity, data.velocity_std
         self.slope = np.array([np.nanmean(slope[m]) if np.isfinite(slope[m]).any() else 0.0 for m in self.members])
@@ -105,6 +109,25 @@ class Comparison:
         self.std = dataclasses.replace(self.std, noise=np.hypot(self.std.noise, self._noise_limit()))
         self.entries = self._layout()
         self.residual = self._vector(self.measured)
+
+    def _extract(self) -> None:
+        """Take the features of all members' sweeps."""
+        data = self.data
+        self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
+        self.sweeps: list[SweepFeatures] = [None] * len(self.members)
+        for part in self.parts:
+            for g in part.groups:
+                samples = tuple(data.samples[i][self.members[g]] for i in self.heard)
+                scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
+                self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
+
+    def _sound(self, group: int) -> np.ndarray:
+        """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,)."""
+        sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
+        clear = np.all((sweeps.line > _NEAREST_LINE) & (sweeps.line < rate / 2 - _NEAREST_LINE), axis=1)
+        error = sweeps.range - self.data.distance[self.members[group]]
+        error = np.abs(error - np.median(error))
+        return clear & (error < max(_ASTRAY, _ASTRAY_SPREADS * float(np.median(error))))
 
     def _part(self, setting: int) -> Part:
         """Return the groups of one setting and their nominal conditions."""

@@ -219,13 +219,10 @@ def _explanation(search: Search, fitted: Fitted) -> Explanation:
 
 def _entry(effect: FittedEffect) -> tuple[str, str | None, dict]:
     """Return an effect for the simulator's configuration, with the values that fit best."""
-    parameters: dict = {}
-    for name, value in effect.values.items():
-        base, bracket, _ = name.partition('[')
-        if bracket:
-            parameters.setdefault(base, []).append(value)
-        else:
-            parameters[base] = value
+    parameters = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in effect.candidate.parameters(effect.values).items()
+    }
     return effect.candidate.effect, effect.candidate.station or None, parameters
 
 

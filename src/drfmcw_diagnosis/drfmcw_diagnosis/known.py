@@ -23,7 +23,9 @@ _TRUST_IN_AIR = 0.02  # the same where the weather is unknown: the phase of a se
 class Known:
     """What is known to expect in each group of sweeps: G groups, S stations with samples."""
 
-    def __init__(self, data: Dataset, heard: Sequence[int], members: Sequence[np.ndarray], scatters: bool) -> None:
+    def __init__(
+        self, data: Dataset, heard: Sequence[int], members: Sequence[np.ndarray], scatters: bool, unsound: int = 0
+    ) -> None:
         """Remember what is compared.
 
         Args:
@@ -31,7 +33,9 @@ class Known:
             heard: numbers of the stations with samples.
             members: sweeps of each group.
             scatters: the groups' sweeps are enough to tell their scatter.
+            unsound: sweeps that were left out, as their lines were not where they should be.
         """
+        self._unsound = unsound
         self._data, self._heard, self._members, self._scatters = data, heard, members, scatters
         self._alone = len(heard) < len(data.stations)
         self._delays = not any(f'/{station}/calibration' in data.lacking for station in data.stations)
@@ -88,6 +92,11 @@ class Known:
         lost = np.count_nonzero(self._data.lines.flags[0] & Flag.NEAR_DC) if len(self._data.stations) == 1 else 0
         if lost:
             said.append(f'Left out: {lost} sweeps whose line stands too near 0 Hz')
+        if self._unsound:
+            said.append(
+                f'Left out: {self._unsound} sweeps whose lines were mistaken, or stand too near 0 Hz or the Nyquist '
+                'frequency, as they do far away where the references are far apart'
+            )
         if self._data.iq:
             said.append('Negative frequencies of the I/Q samples are not compared')
         if not self.noise().all():

@@ -33,7 +33,7 @@ _LONGEST = 500.0  # echo [m]
 
 _LEVEL_STEP = 2.0  # between limits that are tried [dB]
 _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
-_COMPRESSIONS = (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3)
+_COMPRESSIONS = (-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0)
 _SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
 
 CELLS = {
@@ -43,7 +43,7 @@ CELLS = {
     'spur': 1000,
     'sway': 2500,
     'clipping': 20,
-    'compression': 6,
+    'compression': 10,
     'interference_burst': 30,
 }
 """Independent places among which each search chooses, by effect."""

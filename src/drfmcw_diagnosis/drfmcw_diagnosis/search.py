@@ -252,7 +252,7 @@ class Search(Fitting):
         data = comparison.data
         calibration = data.calibration[0]
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
-        bank = list(candidates(data.stations, calibrated, len(comparison.members), without))
+        bank = list(candidates(data.stations, calibrated, [int(data.group[m[0]]) for m in comparison.members], without))
         self.bank: list[Candidate] = []
         templates = []
         for number, candidate in enumerate(bank):

@@ -20,7 +20,7 @@ class Compression(Effect, name='compression', of='station'):
     example = {'third_order': 0.1}
     stage = Stage.AMPLIFIER
 
-    third_order: float = parameter(bounds=(-1.0, 1.0), description='c; positive compresses')
+    third_order: float = parameter(bounds=(-100.0, 100.0), description='c; positive compresses')
 
     def receive(
         self,
