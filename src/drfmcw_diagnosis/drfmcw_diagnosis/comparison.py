@@ -48,6 +48,7 @@ _STANDING = 4.0  # standard deviations of the reference's slope within which a g
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF
+_BURSTING = 12  # at most, where one comes and goes
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
 _OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
 _SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
@@ -415,11 +416,11 @@ class Comparison:
     def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
         """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].
 
-        Simulated among noise, as many sweeps as were measured, with the same noise as without them.
+        Simulated among noise, with the same noise as without them.
         """
         found = []
         for acting in (effects, ()):
-            copies = max(map(len, part.local))
+            copies = min(max(map(len, part.local)), _BURSTING)
             features = self._jittered(part, acting, True, copies)
             count = len(part.groups)
             quiet, power = (

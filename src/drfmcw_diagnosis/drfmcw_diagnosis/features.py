@@ -345,7 +345,7 @@ def median_of_mean(count: int) -> float:
 def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how unevenly power is spread, (S, 3), and its deviation under steady noise.
 
-    By which the mean of the spans' squares over the sweeps exceeds its median; the share of sweeps with a span of
+    Logarithm of the mean of the spans' squares over the sweeps, over its median; the share of sweeps with a span of
     more than `BURST` times the median, and the share of such spans.
 
     Args:
@@ -358,10 +358,10 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
     share, sweeps = np.mean(over > BURST, axis=(0, 2)), np.mean(over.max(axis=2) > BURST, axis=0)
     return (
-        np.stack([square.mean(axis=0) - middle, sweeps, share], axis=1),
+        np.stack([np.log(square.mean(axis=0) / middle), sweeps, share], axis=1),
         np.stack(
             [
-                1.6 * np.maximum(spread, 1e-9) / np.sqrt(n),  # of mean less median
+                1.6 * np.maximum(spread / middle, 1e-3) / np.sqrt(n),  # of mean less median
                 np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
                 np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
             ],

@@ -265,7 +265,7 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str,
     level = 10.0 * math.log10(2.0 * power / full_scale**2)
     return [
         {'probability': min(share * more, 1.0), 'level': level + higher, 'duration': duration}
-        for more, higher in ((1.2, 0.0), (1.5, -2.0))
+        for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
     ]
 
 
