@@ -57,7 +57,7 @@ def test_residuals_of_a_recording_by_others_are_noise():
         ('ramp', 0.93, 1.07),
         ('lines', 0.93, 1.07),
         ('beat', 0.2, 2.7),
-        ('amplitude', 0.2, 2.2),
+        ('amplitude', 0.05, 2.2),  # most of its deviation is what the link budget is trusted to
         ('range', 0.2, 2.7),
         ('movement', 0.5, 1.5),
         ('noise', 0.3, 1.5),
