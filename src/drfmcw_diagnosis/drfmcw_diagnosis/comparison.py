@@ -44,6 +44,9 @@ _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _NEAREST_LINE = 40e3  # to 0 Hz and to the Nyquist frequency: the mirror line is then clear of the ramp [Hz]
 _ASTRAY = 1.0  # by which a range differs from those of its group where a line was mistaken [m]
 _ASTRAY_SPREADS = 30.0  # or by so many of their median deviations, if that is more
+_FADED = 2.0  # by which a level differs from those of its group where something is in the way [dB]
+_FADED_SPREADS = 10.0  # or by so many of their median deviations, if that is more
+_FADED_SHARE = 0.25  # of a group's sweeps from which on it is no exception
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
@@ -123,12 +126,18 @@ class Comparison:
                 self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
 
     def _sound(self, group: int) -> np.ndarray:
-        """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,)."""
+        """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).
+
+        Neither are few of them far weaker than the others: something stood in the way.
+        """
         sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
         clear = np.all((sweeps.line > _NEAREST_LINE) & (sweeps.line < rate / 2 - _NEAREST_LINE), axis=1)
         error = sweeps.range - self.data.distance[self.members[group]]
         error = np.abs(error - np.median(error))
-        return clear & (error < max(_ASTRAY, _ASTRAY_SPREADS * float(np.median(error))))
+        clear &= error < max(_ASTRAY, _ASTRAY_SPREADS * float(np.median(error)))
+        apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
+        faded = np.any(apart > np.maximum(_FADED, _FADED_SPREADS * np.median(apart, axis=0)), axis=1)
+        return clear & ~(faded & (np.mean(faded) < _FADED_SHARE))
 
     def _part(self, setting: int) -> Part:
         """Return the groups of one setting and their nominal conditions."""

@@ -94,8 +94,8 @@ class Known:
             said.append(f'Left out: {lost} sweeps whose line stands too near 0 Hz')
         if self._unsound:
             said.append(
-                f'Left out: {self._unsound} sweeps whose lines were mistaken, or stand too near 0 Hz or the Nyquist '
-                'frequency, as they do far away where the references are far apart'
+                f'Left out: {self._unsound} sweeps whose lines were mistaken, are far weaker than before and after, or '
+                'stand too near 0 Hz or the Nyquist frequency, as they do far away where the references are far apart'
             )
         if self._data.iq:
             said.append('Negative frequencies of the I/Q samples are not compared')
