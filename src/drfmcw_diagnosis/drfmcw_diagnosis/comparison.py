@@ -26,8 +26,10 @@ from .features import (
     SweepFeatures,
     gaussian,
     local_noise,
+    mean_power,
     median_of_mean,
     near_line,
+    quiet_sweeps,
     ramp_spectrum,
     unevenness,
 )
@@ -159,15 +161,17 @@ class Comparison:
         harmonic_std = self._harmonic_scatter()
         movement_told = any(part.extract.way_per_phase for part in self.parts)
         noise_told, range_limit = self.known.noise(), self.known.range_limit()
+        self._quiet: list[np.ndarray] = []  # sweeps without a burst of each group (S,)
         values: list[Groups] = []
         errors: list[Groups] = []
         for g, (rows, sweeps, standing) in enumerate(zip(self.members, self.sweeps, self.standing, strict=True)):
             n = len(rows)
             root = np.sqrt(n)
             ramp = ramp_spectrum(sweeps.ramp)
-            power = sweeps.power.mean(axis=0)
-            around = local_noise(power) / median_of_mean(n)
-            noise, noise_std = self._bands(power, sweeps.line.mean(axis=0), n)
+            power, quiet = mean_power(sweeps.power, quiet_sweeps(sweeps.quiet))
+            self._quiet.append(quiet)
+            around = local_noise(power) / median_of_mean(quiet)[:, None]
+            noise, noise_std = self._bands(power, sweeps.line.mean(axis=0), quiet)
             noise_std[~noise_told] = np.inf
             ramp_variance, mean_variance = self._variances(sweeps, ramp, noise)
             ramp_std = np.full(ramp.shape[1:], np.inf)
@@ -272,8 +276,14 @@ class Comparison:
             limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
         return limit
 
-    def _bands(self, power: np.ndarray, line: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (S, BANDS) each."""
+    def _bands(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (S, BANDS) each.
+
+        Args:
+            power: mean spectra (S, B) [LSB^2].
+            line: of each station (S,) [Hz].
+            count: of the sweeps in each mean (S,).
+        """
         bins = power.shape[-1]
         masked = self._at_line(line, bins)
         noise, std = (np.full((len(power), BANDS), value) for value in (np.nan, np.inf))
@@ -285,10 +295,10 @@ class Comparison:
                 inside = inside[~masked[station, edges[band] : edges[band + 1]]]
                 if len(inside) < 16:
                     continue
-                median = np.median(inside) / median_of_mean(count)
+                median = np.median(inside) / median_of_mean(count[station])
                 noise[station, band] = 10.0 * np.log10(median / extractor.window_power[station])
                 # neighbouring bins of a Hann window share half of their noise; a median has 1.25 times the mean's
-                std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count))
+                std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count[station]))
         return noise, std
 
     def _movement(self, sweeps: SweepFeatures, standing: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -413,8 +423,9 @@ class Comparison:
     def _noisy_bands(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return the noise in bands of noisy sweeps (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
         features = self._distorted(part, effects, True)
+        counts = np.full(len(self.heard), _DISTORTED)
         return np.array(
-            [self._bands(p, line, _DISTORTED)[0] for p, line in zip(features.power, features.line, strict=True)]
+            [self._bands(p, line, counts)[0] for p, line in zip(features.power, features.line, strict=True)]
         )
 
     def _amplitudes(self, group: int, count: int) -> np.ndarray:
@@ -437,10 +448,12 @@ class Comparison:
             )
             line = features.line.reshape(copies, count, -1).mean(axis=0)
             uneven = np.array([unevenness(q)[0] for q in quiet])
-            bands = np.array([self._bands(p.mean(axis=0), at, copies)[0] for p, at in zip(power, line, strict=True)])
+            spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
+            bands = np.array([self._bands(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)])
             found.append((uneven, bands))
         (uneven, bands), (even, plain) = found
-        return uneven - even, np.nan_to_num(bands - plain)
+        # bursts know no distance, and all groups together hold enough of them
+        return np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
@@ -565,7 +578,8 @@ class Comparison:
             return (getattr(values, name)[g] - getattr(self.plain, name)[g]) / getattr(self.std, name)[g]
 
         yield 'ramp', over('ramp')
-        lines = gaussian(values.lines[g], count) - gaussian(np.ones(1), count)
+        quiet = self._quiet[g][:, None]
+        lines = gaussian(values.lines[g], quiet) - gaussian(np.ones(1), quiet)
         yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
         yield 'mean', over('mean')
         yield 'harmonic', np.nan_to_num(over('harmonic'))

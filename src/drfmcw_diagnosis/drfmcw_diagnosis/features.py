@@ -50,6 +50,7 @@ BURST = 2.2
 """Times the median power, which no span of steady noise reaches."""
 
 _SPAN_SHARE = 0.1  # of the window's largest power that a span must have
+_FREE_SWEEPS = 3  # without a burst, that tell the noise between bursts
 _CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
 _BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
 LINE = 64
@@ -332,14 +333,26 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
     return close | (axis < _EDGE * width) | (axis > rate / 2 - _EDGE * width)
 
 
-def gaussian(ratio: np.ndarray, count: int) -> np.ndarray:
+def gaussian(ratio: np.ndarray, count: int | np.ndarray) -> np.ndarray:
     """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
     return (np.cbrt(ratio) - np.cbrt(median_of_mean(count))) * np.sqrt(9.0 * count)
 
 
-def median_of_mean(count: int) -> float:
+def median_of_mean(count: int | np.ndarray) -> float | np.ndarray:
     """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
     return (1.0 - 1.0 / (9.0 * count)) ** 3
+
+
+def quiet_sweeps(quiet: np.ndarray) -> np.ndarray:
+    """Return which sweeps hold no burst (n, S), all of a station where hardly any is free; `quiet` (n, S, T)."""
+    free = ~np.any(quiet > BURST * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
+    return free | (free.sum(axis=0) < _FREE_SWEEPS)
+
+
+def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)); `power` (n, S, B), `chosen` (n, S)."""
+    count = chosen.sum(axis=0)
+    return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
 
 
 def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

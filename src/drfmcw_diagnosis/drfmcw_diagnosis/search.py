@@ -37,6 +37,7 @@ _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
 _BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
+_BURSTS_REST = 1.0  # standard deviations of the noise that bursts may leave
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
@@ -136,7 +137,12 @@ class Fitting:
             return [c.build(v) for c, v in zip(chosen, values, strict=True)]
 
         template = beside + self._template(effects_at(point))
-        misfit = self.misfit(template)
+        weight = self._weight_of(chosen, template)
+
+        def misfit_of(other: np.ndarray) -> float:
+            return float(np.sum(((y - other) * weight) ** 2))
+
+        misfit = misfit_of(template)
         damping = 1e-3
         normal = np.eye(len(point))
         for _ in range(steps):
@@ -148,16 +154,16 @@ class Fitting:
                 if moved[k] > limits[k][1]:
                     moved[k] = point[k] - step
                 change = beside + self._template(effects_at(moved)) - template
-                slope[k] = change / (moved[k] - point[k]) * self._weight
+                slope[k] = change / (moved[k] - point[k]) * weight
             normal = slope @ slope.T
-            gradient = slope @ ((y - template) * self._weight)
+            gradient = slope @ ((y - template) * weight)
             improved = False
             for _ in range(6):
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
                 trial = point + np.linalg.lstsq(matrix, gradient, rcond=None)[0]
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
                 other = beside + self._template(effects_at(trial))
-                value = self.misfit(other)
+                value = misfit_of(other)
                 if value < misfit:
                     improved = True
                     break
@@ -176,8 +182,16 @@ class Fitting:
             values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
             fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}))
         occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
+        misfit = self.misfit(template)
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
         return Fitted(tuple(fitted), misfit, template, evidence)
+
+    def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
+        """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
+        if not any(Effect.registry[c.effect].bursts() for c in chosen):
+            return self._weight
+        doubt = np.where(self.comparison.entries.where(kind=('burst', 'noise')), _BURSTS_TRUST * np.abs(template), 0.0)
+        return self._weight / np.sqrt(1.0 + doubt**2)
 
     def bounds(self, effect: str, name: str) -> tuple[float, float]:
         """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
@@ -212,6 +226,8 @@ class Fitting:
             trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
         if any(e.bursts() for e in registered):
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
+            # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
+            return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
         return trust * size
 
     def slopes(self, fitted: Fitted) -> np.ndarray:
