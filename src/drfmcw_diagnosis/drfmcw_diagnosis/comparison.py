@@ -509,7 +509,8 @@ class Comparison:
 
     def _displacement(self, part: Part, effects: Sequence[Effect]) -> list[np.ndarray]:
         """Return the movement within each group [m], (n of group,) each."""
-        moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path']
+        # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
+        moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
         if not moving:
             return [np.zeros(len(local)) for local in part.local]
         moved = part.all.rows(slice(None))
