@@ -52,7 +52,7 @@ _FADED_SHARE = 0.25  # of a group's sweeps from which on it is no exception
 _STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
 _NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
-_DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF
+_DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF or the crane sways
 _BURSTING = 12  # at most, where one comes and goes
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
 _OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
@@ -373,9 +373,12 @@ class Comparison:
         as it does in a recording's sweeps of random phase.
         """
         distorting = any(effect.distorts() for effect in effects)
-        copies, count = _DISTORTED if distorting else 2, len(part.groups)
+        swaying = any(effect.name == 'sway' for effect in effects)
+        copies, count = _DISTORTED if distorting or swaying else 2, len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
+        if swaying:  # a group's mean is that over its time, in which a crane may swing far
+            rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
         moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
         features = _mean(self._features(part, rows, effects), copies)
         if np.any(moved):
@@ -427,6 +430,11 @@ class Comparison:
         return np.array(
             [self._bands(p, line, counts)[0] for p, line in zip(features.power, features.line, strict=True)]
         )
+
+    def _times(self, group: int, count: int) -> np.ndarray:
+        """Return times spread over a group's sweeps, from their mean [s] (count,)."""
+        time = self.data.time[self.members[group]]
+        return np.interp((np.arange(count) + 0.5) / count * len(time) - 0.5, np.arange(len(time)), time) - time.mean()
 
     def _amplitudes(self, group: int, count: int) -> np.ndarray:
         """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""

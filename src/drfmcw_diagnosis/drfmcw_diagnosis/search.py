@@ -21,6 +21,7 @@ from .places import CELLS, places
 MOST_EFFECTS = 4
 """Effects in one explanation."""
 
+_FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
 _STARTS = 6  # places of each kind at which a refinement begins
@@ -548,7 +549,8 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         if current is None:
             significance = chance
         needed = current.evidence if current else 0.0
-        if chance > false_alarm_rate or best.evidence <= needed + 1.0:
+        accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
+        if chance > accepted or best.evidence <= needed + 1.0:
             break
         current = search.settled(best)
     return pruned(search, current, false_alarm_rate), significance, rounds
@@ -566,7 +568,7 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
             gain = without.misfit - found.misfit - search.imitated(effect, without)
             chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
         chance, without = max(chances, key=lambda item: item[0])
-        if chance <= false_alarm_rate:
+        if chance <= false_alarm_rate * _FURTHER:
             break
         found = without
     return found
