@@ -91,15 +91,15 @@ class Comparison:
             if len(data.stations) == 2:
                 raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
             self.members = members
-        self.unsound = 0  # sweeps whose lines were not found where they should be
+        unsound = 0
         self._extract()
         sound = [self._sound(g) for g in range(len(self.members))]
         if len(data.stations) == 2 and not all(s.all() for s in sound) and any(s.sum() >= FEWEST for s in sound):
             kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= FEWEST]
-            self.unsound = sum(map(len, self.members)) - sum(map(len, kept))
+            unsound = sum(map(len, self.members)) - sum(map(len, kept))
             self.members = kept
             self._extract()
-        self.known = Known(data, self.heard, self.members, self.scatters, self.unsound)
+        self.known = Known(data, self.heard, self.members, self.scatters, unsound)
         self.time, self.channels = self.sweeps[0].time, self.parts[0].extract.channels
         slope, slope_std = data.velocity, data.velocity_std
         self.slope = np.array([np.nanmean(slope[m]) if np.isfinite(slope[m]).any() else 0.0 for m in self.members])
@@ -110,7 +110,9 @@ class Comparison:
         self.standing = np.abs(self.slope) < _STANDING * np.where(known, self.slope_std, np.inf)
         self.measured, self.std = self._measure()
         self._plain_power: dict[int, np.ndarray] = {}
-        self._undistorted: dict[int, np.ndarray] = {}  # by the first group of a part
+        # what noise makes without any effect, by the first group of a part
+        self._undistorted: dict[int, np.ndarray] = {}
+        self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.plain = self.predict(())
         self.std = dataclasses.replace(self.std, noise=np.hypot(self.std.noise, self._noise_limit()))
         self.entries = self._layout()
@@ -438,36 +440,33 @@ class Comparison:
 
     def _amplitudes(self, group: int, count: int) -> np.ndarray:
         """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""
-        amplitude = self.sweeps[group].amplitude
-        return amplitude[np.linspace(0, len(amplitude) - 1, count).astype(int)] - amplitude.mean(axis=0)
+        return _spread(self.sweeps[group].amplitude, count)
 
     def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
         """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].
 
         Simulated among noise, with the same noise as without them.
         """
-        found = []
-        for acting in (effects, ()):
-            copies = min(max(map(len, part.local)), _BURSTING)
-            features = self._jittered(part, acting, True, copies)
-            count = len(part.groups)
-            quiet, power = (
-                x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power)
-            )
-            line = features.line.reshape(copies, count, -1).mean(axis=0)
-            uneven = np.array([unevenness(q)[0] for q in quiet])
-            spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
-            bands = np.array([self._bands(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)])
-            found.append((uneven, bands))
-        (uneven, bands), (even, plain) = found
+        first = int(part.groups[0])
+        if first not in self._steady:
+            self._steady[first] = self._among_noise(part, ())
+        (uneven, bands), (even, plain) = self._among_noise(part, effects), self._steady[first]
         # bursts know no distance, and all groups together hold enough of them
         return np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain)
 
+    def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, BANDS) [dB] of noisy sweeps."""
+        copies, count = min(max(map(len, part.local)), _BURSTING), len(part.groups)
+        features = self._jittered(part, effects, True, copies)
+        quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
+        line = features.line.reshape(copies, count, -1).mean(axis=0)
+        spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
+        bands = [self._bands(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
+        return np.array([unevenness(q)[0] for q in quiet]), np.array(bands)
+
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
-        beat = self.sweeps[group].beat
-        chosen = beat[np.linspace(0, len(beat) - 1, count).astype(int)]
-        return (chosen - beat.mean()) / self.parts[0].extract.beat_per_start_delay
+        return _spread(self.sweeps[group].beat, count) / self.parts[0].extract.beat_per_start_delay
 
     def _at_line(self, line: np.ndarray, bins: int) -> np.ndarray:
         """Return which bins (S, B) are left to the features of the lines themselves; `line` (S,) [Hz]."""
@@ -625,6 +624,11 @@ class Comparison:
         # apart, as a distortion or a burst takes many sweeps to simulate
         apart = [tuple(e for e in effects if (e.distorts(), e.bursts()) == kind) for kind in _SIMULATED_APART]
         return sum(self._vector(self.predict(part)) for part in apart if part) if effects else self._vector(self.plain)
+
+
+def _spread(values: np.ndarray, count: int) -> np.ndarray:
+    """Return the values of `count` sweeps spread over a group's (n, ...), less the mean of all."""
+    return values[np.linspace(0, len(values) - 1, count).astype(int)] - values.mean(axis=0)
 
 
 def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:

@@ -201,19 +201,15 @@ class Extractor:
                 ],
                 axis=1,
             ),
-            np.stack(
-                [
-                    self._harmonics(x, e.frequency, w, s.sweep)
-                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
-                ],
-                axis=1,
-            ),
-            np.stack(
-                [
-                    self._without_line(x, e.frequency, w, s.sweep)
-                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
-                ],
-                axis=1,
+            *(
+                np.stack(
+                    [
+                        taken(_complex(x, self.iq), e.frequency, w, s.sweep)
+                        for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                    ],
+                    axis=1,
+                )
+                for taken in (self._harmonics, self._without_line)
             ),
         )
         if len(self.heard) == 1:
@@ -255,7 +251,7 @@ class Extractor:
         rate, step = sweep.sample_rate, np.arange(len(weights))
         turns = frequency[:, None] / rate * step
         turn = np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
-        weighted = _complex(samples, self.iq) * weights.astype(np.float32)
+        weighted = samples * weights.astype(np.float32)
         line = np.einsum('ij,ij->i', weighted, turn)
         if self.iq:  # a quadrature receiver's line may stand at negative frequency
             mirror = np.einsum('ij,ij->i', weighted.conj(), turn)
@@ -284,7 +280,7 @@ class Extractor:
         """Return the power of one station's IF without its line in spans of the sweep (n, T) [LSB^2]."""
         weights = (weights / weights.max()).astype(np.float32)
         transform = np.fft.fft if self.iq else np.fft.rfft
-        spectrum = transform(_complex(samples, self.iq) * weights, axis=1)
+        spectrum = transform(samples * weights, axis=1)
         bins = len(weights) // 2 + 1
         masked = near_line(bins, frequency, sweep.sample_rate / len(weights), sweep.sample_rate)
         spectrum[:, :bins][masked] = 0.0

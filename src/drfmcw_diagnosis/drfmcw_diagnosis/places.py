@@ -26,8 +26,8 @@ _SLOWEST_RIPPLE = 2.0  # periods within the sweep: slower ones are taken out wit
 _FASTEST_SWAY = 5.0  # [Hz]
 _SWAY_CELLS = 2048  # at most
 _ALIASES = 512  # frequencies of sway that are looked at closely
-_FAINT = 12.0  # gain below which no sway is looked for
 _TOP = 17  # points at which each of them is
+_FAINT = 12.0  # gain below which no sway is looked for
 _REFLECTIONS = 6  # places of a reflection, whose fringes resemble each other
 _LONGEST = 500.0  # echo [m]
 

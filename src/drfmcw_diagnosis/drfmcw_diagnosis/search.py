@@ -281,8 +281,7 @@ class Search(Fitting):
                 self._progress('templates of the registry', number / len(bank))
         self.templates = np.array(templates)
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
-        found = collections.Counter(c.key for c in self.bank)
-        self._places = {key: max(count, CELLS.get(key[0], 1)) for key, count in found.items()}
+        self._places = collections.Counter(c.key for c in self.bank)
 
     def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
         """Return whether the recording can show an effect: what does not grow with the size is rounding."""
