@@ -22,7 +22,7 @@ from drfmcw_sim.scenario import scenario_from_mapping
 
 DATA = Path(__file__).parent / 'data' / 'recording_0'
 IQ = {'waveform': {'iq': True}}
-IN_THE_IF = ('ramp', 'lines', 'mean', 'harmonic', 'burst')  # told by the samples alone
+IN_THE_IF = ('ramp', 'flutter', 'lines', 'mean', 'harmonic', 'burst')  # told by the samples alone
 
 
 def recorded(path, **sections):
@@ -145,7 +145,7 @@ def test_effects_at_the_station_without_samples_act_on_its_peers_chirps(by_other
 @pytest.mark.parametrize(
     ('topics', 'compared', 'untold'),
     [
-        (['/reference'], {*IN_THE_IF, 'noise', 'beat', 'amplitude', 'movement'}, '/reference/range'),
+        (['/reference'], {*IN_THE_IF, 'noise', 'coherence', 'beat', 'amplitude', 'movement'}, '/reference/range'),
         (['/calibration'], {*IN_THE_IF, 'beat', 'amplitude', 'velocity', 'movement'}, '/slave/calib'),
         (['/slave/if', '/reference'], {*IN_THE_IF, 'noise'}, '/slave/if_samples'),
         (['/slave/sweep_config', '/status', '/site'], None, '/site/temperature'),
@@ -157,7 +157,7 @@ def test_what_is_missing_is_said_and_not_compared(tmp_path, topics, compared, un
     """Nothing is concealed: what is left is noise. Without weather the range is trusted to what air may do."""
     data = read_dataset(without(recorded(tmp_path / 'r'), tmp_path / 'less', *topics))
     comparison = Comparison(data)
-    everything = {*IN_THE_IF, 'noise', 'beat', 'amplitude', 'range', 'velocity', 'movement'}
+    everything = {*IN_THE_IF, 'noise', 'coherence', 'beat', 'amplitude', 'range', 'velocity', 'movement'}
     assert_noise(comparison, *(compared or everything))
     assert any(untold in sentence for sentence in data.missing)
     if '/site' in topics and compared is None:

@@ -31,6 +31,7 @@ class Recipe:
     decibel: bool = False  # the size is in decibels
     quadrature: tuple[str, float] = ('', 0.0)  # parameter, and its step, that turns the effect's phase by a quarter
     turn: tuple[str, float] = ('', 0.0)  # parameter, and its period by the carrier's phase, which reflection may shift
+    fringes: bool = False  # it raises and lowers the received power with the distance
     per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
     stations: str = 'each'  # 'each', 'each and both'; ignored where the effect has no station
     steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
@@ -69,12 +70,13 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     'delay_temperature': (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),),
     'ground_reflection': (
         Recipe('coefficient', {'coefficient': 0.02}, {'coefficient': 0.5, 'height_product': 100.0},
-               scanned='height_product', defining=('height_product',)),
+               scanned='height_product', defining=('height_product',), fringes=True),
     ),
     'echo': (
         Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
                scanned='excess_range', decibel=True, quadrature=('excess_range', WAVE / 4.0),
-               steps={'excess_range': 5e-4, 'relative_power': 0.05}, turn=('excess_range', WAVE)),
+               steps={'excess_range': 5e-4, 'relative_power': 0.05}, turn=('excess_range', WAVE),
+               fringes=True),
     ),
     'tx_leakage': (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),),
     'spur': (

@@ -18,6 +18,7 @@ from drfmcw_sim.effects import Effect
 from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements, Station, synthesise
 
+from . import coherence
 from .dataset import Dataset
 from .features import (
     BANDS,
@@ -37,11 +38,15 @@ from .groups import Entries, Groups, Part, align, band_edges, joined, pooled, st
 from .known import BEAT_LIMIT, FEWEST, Known
 
 _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take out of the ramp
+_STEADY = 8  # terms that slow changes of the conditions may move from sweep to sweep
+_FLUTTER_MEDIAN = 31  # terms over which the variance around one is taken
+_FLUTTER_SPREAD = 1.025  # by which the median of so few widens the spread of what is compared with it
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
 _FLOOR_LIMIT = 0.02  # what the model of a white floor is trusted to [dB]
 _SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
 _AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
 _AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
+_COHERENCE_LIMIT = 0.005  # what the coherence of both lines' noise is trusted to [1]
 _MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
 _NEAREST_LINE = 40e3  # to 0 Hz and to the Nyquist frequency: the mirror line is then clear of the ramp [Hz]
 _ASTRAY = 1.0  # by which a range differs from those of its group where a line was mistaken [m]
@@ -55,7 +60,7 @@ _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by
 _DISTORTED = 8  # sweeps simulated per group where an effect distorts the IF or the crane sways
 _BURSTING = 12  # at most, where one comes and goes
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
-_OF_PATH = ('beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
+_OF_PATH = ('coherence', 'beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
 _SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
 _KIND = 'U9'  # the longest name
 
@@ -123,11 +128,13 @@ class Comparison:
         data = self.data
         self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
         self.sweeps: list[SweepFeatures] = [None] * len(self.members)
+        self._shares: list[np.ndarray] = [None] * len(self.members)  # of sweeps in the coherence (n, OFFSETS)
         for part in self.parts:
             for g in part.groups:
                 samples = tuple(data.samples[i][self.members[g]] for i in self.heard)
                 scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
                 self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
+                self._shares[g] = part.extract.shared_noise(samples, self.sweeps[g])
 
     def _sound(self, group: int) -> np.ndarray:
         """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).
@@ -160,7 +167,7 @@ class Comparison:
         """Return the measured features of all groups and their standard deviations."""
         errors_of_range = [s.range - self.data.distance[m] for s, m in zip(self.sweeps, self.members, strict=True)]
         range_std, beat_std, amplitude_std = self._scatter(errors_of_range)
-        harmonic_std = self._harmonic_scatter()
+        harmonic_std, coherence_std = self._harmonic_scatter(), self._coherence_scatter()
         movement_told = any(part.extract.way_per_phase for part in self.parts)
         noise_told, range_limit = self.known.noise(), self.known.range_limit()
         self._quiet: list[np.ndarray] = []  # sweeps without a burst of each group (S,)
@@ -176,6 +183,7 @@ class Comparison:
             noise, noise_std = self._bands(power, sweeps.line.mean(axis=0), quiet)
             noise_std[~noise_told] = np.inf
             ramp_variance, mean_variance = self._variances(sweeps, ramp, noise)
+            flutter, steady_variance = self._flutter(ramp)
             ramp_std = np.full(ramp.shape[1:], np.inf)
             ramp_std[:, _FREE:] = np.sqrt(ramp_variance / n)
             burst, burst_std = unevenness(sweeps.quiet) if self.scatters else (np.zeros((len(self.heard), 3)), np.inf)
@@ -184,11 +192,13 @@ class Comparison:
             values.append(
                 Groups(
                     ramp.mean(axis=0),
+                    flutter,
                     power / around,
                     sweeps.mean.mean(axis=0),
                     sweeps.harmonic.mean(axis=0),
                     burst,
                     noise,
+                    self._shares[g].mean(axis=0),
                     sweeps.beat.mean(),
                     sweeps.amplitude.mean(axis=0),
                     error.mean(),
@@ -199,11 +209,13 @@ class Comparison:
             errors.append(
                 Groups(
                     ramp_std,
+                    steady_variance,
                     around,
                     np.maximum(np.sqrt(mean_variance), 0.01) / root,
                     harmonic_std[g] / root,
                     burst_std,
                     noise_std,
+                    coherence_std[g] / root,
                     np.hypot(beat_std[g] / root, BEAT_LIMIT),
                     np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
                     np.hypot(max(range_std[g], 1e-5) / root, range_limit[g]),
@@ -244,6 +256,15 @@ class Comparison:
         both = variance.reshape(*variance.shape[:2], 2, -1).mean(axis=2)
         return np.sqrt(np.nan_to_num(np.tile(both, 2), nan=np.inf))
 
+    def _coherence_scatter(self) -> np.ndarray:
+        """Return by what shares in the coherence scatter from sweep to sweep (G, OFFSETS); inf where not compared."""
+        if not (self.scatters and len(self.heard) == 2 and self.known.noise().all()):
+            return np.full((len(self.members), coherence.OFFSETS), np.inf)
+        scatter = pooled(self._shares)
+        present = np.array([np.any(s != 0.0, axis=0) for s in self._shares])
+        limit = _COHERENCE_LIMIT * np.sqrt([len(s) for s in self._shares])[:, None]
+        return np.where(present, np.hypot(scatter, limit), np.inf)
+
     def _variances(self, sweeps: SweepFeatures, ramp: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return variances of one sweep of a group: of the ramp's terms but the free ones, and of the means (S, Q).
 
@@ -258,6 +279,18 @@ class Comparison:
         white = 10.0 ** (np.nanmedian(noise, axis=1) / 10.0)
         variance, mean_variance = self.parts[0].extract.white_noise(sweeps, white)
         return variance[:, None], mean_variance
+
+    def _flutter(self, ramp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return variances over what noise makes of them, and what noise makes of them, (2 S, K) each.
+
+        Args:
+            ramp: cosine series of a group's sweeps (n, 2 S, K).
+        """
+        if not self.scatters:
+            return np.ones(ramp.shape[1:]), np.ones(ramp.shape[1:])
+        variance = ramp.var(axis=0, ddof=1)
+        around = local_noise(variance, _FLUTTER_MEDIAN) / median_of_mean((len(ramp) - 1) / 2)
+        return variance / around, around
 
     def _floor(self, station: Station, passed: np.ndarray) -> np.ndarray:
         """Return the variance of a sample without skirts (n, k) [LSB^2], of both of its parts with iq.
@@ -324,7 +357,7 @@ class Comparison:
             features = self._simulated(part, [e for e in effects if not e.bursts()])
             reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
-            quiet = self._predicted_noise(state, effects, features.line, features.amplitude)
+            quiet, shared = self._predicted_noise(part, state, effects, features.line)
             velocity = self._velocity(part.steady, effects)
             distorting = any(e.distorts() for e in effects)
             changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
@@ -347,11 +380,13 @@ class Comparison:
                     around[raised] = (floor / self.std.lines[g])[raised]
                 found[g] = Groups(
                     ramp_spectrum(features.ramp[row]),
+                    np.ones(self.measured.flutter.shape[1:]),
                     around + added / self.std.lines[g],
                     features.mean[row],
                     features.harmonic[row],
                     burst[row],
                     noise,
+                    shared[row],
                     features.beat[row],
                     features.amplitude[row],
                     features.range[row] - reference[row],
@@ -376,13 +411,9 @@ class Comparison:
         """
         distorting = any(effect.distorts() for effect in effects)
         swaying = any(effect.name == 'sway' for effect in effects)
-        copies, count = _DISTORTED if distorting or swaying else 2, len(part.groups)
-        rows = part.steady.rows(np.tile(np.arange(count), copies))
-        rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
-        if swaying:  # a group's mean is that over its time, in which a crane may swing far
-            rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
-        moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
-        features = _mean(self._features(part, rows, effects), copies)
+        copies = _DISTORTED if distorting or swaying else 2
+        each, moved = self._copies(part, effects, copies, swaying)
+        features = _mean(each, copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
@@ -390,6 +421,29 @@ class Comparison:
             jittered = self._distorted(part, effects, False)
             features = dataclasses.replace(features, power=jittered.power, harmonic=jittered.harmonic)
         return features
+
+    def _copies(
+        self, part: Part, effects: Sequence[Effect], copies: int, swaying: bool = False
+    ) -> tuple[SweepFeatures, np.ndarray]:
+        """Return features of sweeps whose phases lie evenly over half a turn, and the delay that `align` added (G,)."""
+        count = len(part.groups)
+        rows = part.steady.rows(np.tile(np.arange(count), copies))
+        rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
+        if swaying:  # a group's mean is that over its time, in which a crane may swing far
+            rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
+        moved = align(part, rows, copies, self.sweeps, self._acted(part, effects))
+        return self._features(part, rows, effects), moved
+
+    def changing(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
+
+        What a spur or a mirror line brings has a phase of its own in every sweep.
+        """
+        result = np.zeros(self.measured.flutter.shape)
+        for part in self.parts:
+            ramp = ramp_spectrum(self._copies(part, [e for e in effects if not e.bursts()], 2)[0].ramp)
+            result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
+        return result / self.std.flutter
 
     def _features(
         self, part: Part, rows: Measurements, effects: Sequence[Effect], noise: bool = False
@@ -526,10 +580,10 @@ class Comparison:
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
         return [way[local] - way[local].mean() for local in part.local]
 
-    def _filtered(
+    def _response(
         self, station: Station, state: Measurements, effects: Sequence[Effect], frequency: np.ndarray
     ) -> np.ndarray:
-        """Return by how much the filters among `effects` pass power at frequencies (...) of a station's IF."""
+        """Return by how much the filters among `effects` pass frequencies (...) of a station's IF, complex."""
         filters = [e for e in effects if e.stage == Stage.FILTER and e.applies_to(station.name)]
         if not filters:
             return np.ones(frequency.shape)
@@ -539,37 +593,86 @@ class Comparison:
         impulse[0, count // 2] = 1.0  # a cut at the Nyquist frequency rings both ways
         for effect in filters:
             effect.receive(impulse, next(s for s in one.stations if s.name == station.name), one, list)
-        spectrum = np.abs(np.fft.rfft(impulse[..., 0] if self.data.iq else impulse, axis=1)[0]) ** 2
+        spectrum = np.fft.rfft(impulse[..., 0] if self.data.iq else impulse, axis=1)[0]
+        spectrum *= np.exp(2j * np.pi * (count // 2) / count * np.arange(len(spectrum)))  # time counts from the impulse
         return np.interp(frequency, np.arange(len(spectrum)) * station.sweep.sample_rate / count, spectrum)
 
     def _predicted_noise(
-        self, state: Measurements, effects: Sequence[Effect], line: np.ndarray, amplitude: np.ndarray
-    ) -> np.ndarray:
-        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS): floor and skirts."""
+        self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS), and what both share.
+
+        Skirts go with the power that a line has, whatever made it.
+        """
         rate = state.stations[0].sweep.sample_rate
         centre = (np.arange(BANDS * 16) + 0.5) * (rate / 2 / (BANDS * 16))
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
+        amplitude = np.array([self.sweeps[g].amplitude.mean(axis=0) for g in part.groups])
+        powers = 10.0 ** (amplitude / 10.0) * (1.0 if self.data.iq else 0.25)  # at each frequency of a line
         result = np.empty((len(line), len(self.heard), BANDS))
         for number, heard in enumerate(self.heard):
             station = state.stations[heard]
             at, own = centre[None, :], line[:, number, None]
             offsets = np.stack([np.abs(at - own), np.minimum(at + own, rate - at - own)])
-            power = 10.0 ** (amplitude[:, number] / 10.0) / 4.0
             if self.data.iq:  # all of the line at one frequency, no mirror line
-                offsets, power = np.minimum(offsets[:1], rate - offsets[:1]), 4.0 * power
+                offsets = np.minimum(offsets[:1], rate - offsets[:1])
             density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
             if len(state.stations) == 1:  # the oscillator meets itself, a delay later
                 density = density * combination_gain(offsets, state.paths[0].delay[:, None])
             density = density.sum(axis=0)
             inside = np.abs(at - own) < LINE * (rate / 2 / (self.measured.lines.shape[-1] - 1))
-            passed = self._filtered(station, state, effects, centre)
+            passed = np.abs(self._response(station, state, effects, centre)) ** 2
             # the line's own power has passed the filters already
-            share = passed / self._filtered(station, state, effects, line[:, number])[:, None]
-            total = self._floor(station, passed) + np.where(inside, np.nan, share * density * rate * power[:, None])
+            share = passed / np.abs(self._response(station, state, effects, line[:, number])[:, None]) ** 2
+            skirts = share * density * rate * powers[:, number, None]
+            total = self._floor(station, passed) + np.where(inside, np.nan, skirts)
             bands = total.reshape(len(line), BANDS, 16)
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', RuntimeWarning)  # a band that a line fills is not compared
                 result[:, number] = 10.0 * np.log10(np.nanmedian(bands, axis=2))
+        return result, self._shared_noise(part, state, effects, powers)
+
+    def _shared_noise(
+        self, part: Part, state: Measurements, effects: Sequence[Effect], powers: np.ndarray
+    ) -> np.ndarray:
+        """Return the coherence of both lines' phase noise in each group (G, OFFSETS); zero where it is not compared.
+
+        Args:
+            part: groups of one setting.
+            state: their conditions after effects.
+            effects: of which filters pass sidebands by their frequency.
+            powers: of the lines, at positive frequency (G, S) [LSB^2].
+        """
+        result = np.zeros((len(part.groups), coherence.OFFSETS))
+        if not np.isfinite(self.std.coherence[part.groups]).any():
+            return result
+        rate = state.stations[0].sweep.sample_rate
+        oscillators = [s.phase_noise for s in state.stations]
+        for row, g in enumerate(part.groups):
+            line = self.sweeps[g].line.mean(axis=0)
+            used = coherence.sidebands(line, state.stations[0].sweep)
+            floors, responses = [], []
+            for station, at, power in zip(state.stations, line, powers[row], strict=True):
+                sides = np.clip(at + np.stack([used.offset, -used.offset]), 0.0, rate / 2)
+                response = self._response(station, state, effects, sides)
+                one = state.rows(slice(row, row + 1))
+                station = next(s for s in one.stations if s.name == station.name)
+                own = self._response(station, state, effects, np.array([at]))
+                floor = self._floor(station, np.abs(response.reshape(-1)) ** 2).reshape(sides.shape)
+                # what the mirror lines' skirts bring there has a phase of its own
+                mirrors = sum(o.single_sideband(m) for o in oscillators for m in (at + sides, rate - at - sides))
+                responses.append(response / own)
+                floors.append(floor / (rate * power) + mirrors * np.abs(responses[-1]) ** 2)
+            clocks = [float(s.sample_clock[row]) for s in state.stations]
+            middle = 0.5 * state.stations[0].sweep.record_duration
+            result[row] = coherence.predicted(
+                used,
+                np.array([o.single_sideband(used.offset) for o in oscillators]),
+                np.array(floors),
+                np.array(responses),
+                float(state.paths[0].delay[row]),
+                middle * (1.0 / clocks[0] - 1.0 / clocks[1]),
+            )
         return result
 
     # --- vectors ---
@@ -586,6 +689,10 @@ class Comparison:
             return (getattr(values, name)[g] - getattr(self.plain, name)[g]) / getattr(self.std, name)[g]
 
         yield 'ramp', over('ramp')
+        freedom = max((count - 1) / 2, 0.5)
+        fluttering = (gaussian(values.flutter[g], freedom) - gaussian(np.ones(1), freedom)) / _FLUTTER_SPREAD
+        compared = (np.arange(fluttering.shape[1]) >= _STEADY) & self.scatters & self.standing[g]
+        yield 'flutter', np.where(compared, fluttering, 0.0)
         quiet = self._quiet[g][:, None]
         lines = gaussian(values.lines[g], quiet) - gaussian(np.ones(1), quiet)
         yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
@@ -593,6 +700,7 @@ class Comparison:
         yield 'harmonic', np.nan_to_num(over('harmonic'))
         yield 'burst', over('burst')
         yield 'noise', np.nan_to_num(over('noise'))
+        yield 'coherence', over('coherence')[None]
         yield 'beat', np.reshape(over('beat'), (1, 1))
         yield 'amplitude', over('amplitude')[:, None]
         yield 'range', np.reshape(over('range'), (1, 1))

@@ -44,10 +44,12 @@ _SHOWN = 0.01  # share of the excess below which a location is not named
 
 _LEVELS = {
     'ramp': ('if_samples', 'ramp_time'),
+    'flutter': ('noise', 'if_frequency'),
     'lines': ('if_spectrum', 'if_frequency'),
     'mean': ('if_spectrum', 'if_frequency'),
     'harmonic': ('if_spectrum', 'range'),
     'burst': ('noise', 'range'),
+    'coherence': ('noise', 'range'),
     'noise': ('noise', 'if_frequency'),
     'beat': ('beat_frequency', 'range'),
     'amplitude': ('amplitude', 'range'),
@@ -266,7 +268,7 @@ def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tu
 
 def _name(comparison: Comparison, kind: str, station: int) -> str | None:
     """Return the station's name, None where the numbers are the path's."""
-    if kind == 'ramp':
+    if kind in ('ramp', 'flutter'):
         station = comparison.channels[station].receiver
     return None if station < 0 else comparison.receivers[station]
 
@@ -285,6 +287,9 @@ def _axis(comparison: Comparison, kind: str, station: int) -> tuple[np.ndarray, 
     if kind == 'lines':
         bins = z.reshape(groups, -1)
         return np.arange(bins.shape[1]) * (rate / 2 / (bins.shape[1] - 1)), np.sum(bins**2, axis=0)
+    if kind == 'flutter':
+        terms = z.reshape(groups, -1)
+        return _modulation(c, terms.shape[1]), np.sum(terms**2, axis=0)
     if kind == 'mean':
         return np.zeros(1), np.array([float(z @ z)])
     if kind == 'noise':
@@ -295,6 +300,12 @@ def _axis(comparison: Comparison, kind: str, station: int) -> tuple[np.ndarray, 
     if kind == 'velocity':
         return c.slope, z**2
     return distance, z**2
+
+
+def _modulation(comparison: Comparison, terms: int) -> np.ndarray:
+    """Return the frequencies of the terms of a cosine series over the sweep (terms,) [Hz]."""
+    step = float(comparison.time[1] - comparison.time[0])
+    return np.arange(terms) / (2.0 * terms * step)
 
 
 def _locations(comparison: Comparison) -> tuple[Location, ...]:
@@ -332,6 +343,7 @@ _WORDS = {
     'mean': 'mean of the samples',
     'harmonic': 'harmonics of the line',
     'burst': 'bursts of noise',
+    'coherence': 'noise that both lines share',
     'noise': 'noise',
     'beat': 'common part of both beat frequencies',
     'amplitude': 'received power',
@@ -343,7 +355,10 @@ _WORDS = {
 
 def _row_name(comparison: Comparison, kind: str, station: int) -> str:
     name = _name(comparison, kind, station)
-    words = comparison.channels[station].words if kind == 'ramp' else _WORDS[kind]
+    if kind in ('ramp', 'flutter'):
+        changing = ', from sweep to sweep' if kind == 'flutter' else ''
+        return f'{comparison.channels[station].words}{changing}{f", {name}" if name else ""}'
+    words = _WORDS[kind]
     return words + (f', {name}' if name else '')
 
 
@@ -398,9 +413,10 @@ def _series(comparison: Comparison, chosen: Fitted | None) -> tuple[Series, ...]
             finite = c.std.ramp[worst, station][np.isfinite(c.std.ramp[worst, station])]
             std = np.full(len(residual), math.sqrt(np.mean(finite**2)) * scale)
             found.append(Series(level, name, axis, c.time, residual, std, curve, unit, words + at))
-        elif kind == 'lines':
+        elif kind in ('lines', 'flutter'):
             inside = c.entries.where(kind=kind, station=station, group=worst)
-            x = np.arange(np.count_nonzero(inside)) * (rate / 2 / (np.count_nonzero(inside) - 1))
+            count = np.count_nonzero(inside)
+            x = np.arange(count) * (rate / 2 / (count - 1)) if kind == 'lines' else _modulation(c, count)
             curve = (chosen.template if chosen else np.zeros(len(c.residual)))[inside]
             found.append(Series(level, name, axis, x, c.residual[inside], np.ones(len(x)), curve, 'σ', words + at))
         elif kind == 'noise':

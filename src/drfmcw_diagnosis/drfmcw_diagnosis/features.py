@@ -5,10 +5,12 @@ interface's nuisances) and are taken out; what remains is
 
 - ramp: log amplitude of both lines, and sum and difference of both phases, over the time in the sweep. The oscillators'
   noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
+- flutter: how much of that changes from sweep to sweep beyond the noise, which a modulation of random phase does;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
 - harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
 - burst: how unevenly over sweeps and spans of a sweep the power beside the line is spread;
 - noise: power of the spectrum in bands, lines left out;
+- coherence: what the oscillators' noise in both lines has in common, which tells whose it is (`coherence`);
 - beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
 - amplitude: received power;
 - range: combined delay, as range beyond the reference;
@@ -35,6 +37,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import Role, SweepSettings
 
+from . import coherence
 from .dataset import delay_of_one
 
 BANDS = 8
@@ -174,6 +177,24 @@ class Extractor:
         mean = noise / parts * np.array([w @ w for w in self._weights])
         return np.tile(ramp, 2), np.repeat(mean[:, None], int(parts), axis=1)
 
+    def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
+        """Return each sweep's share in the coherence of both lines' phase noise (n, OFFSETS), see `coherence`.
+
+        Zero of one station alone, and of quadrature samples, whose line may stand at negative frequency.
+
+        Args:
+            samples: of each station with samples (n, N).
+            sweeps: their features.
+        """
+        if len(samples) < 2 or self.iq:
+            return np.zeros((len(samples[0]), coherence.OFFSETS))
+        time = sweeps.time - sweeps.time.mean()
+        total, difference = sweeps.ramp[:, 2:].mean(axis=0)
+        phases = (total + difference) / np.sqrt(2.0), self.sign * (total - difference) / np.sqrt(2.0)
+        chirp = np.array([np.polyfit(time, phase, 2)[0] / np.pi for phase in phases])
+        later = self.sweeps[0].start_delay + (sweeps.beat - sweeps.beat.mean()) / self.beat_per_start_delay
+        return coherence.measured(samples, sweeps.line, chirp, later, self._weights, self.sweeps)
+
     def _chunk(self, samples: tuple[np.ndarray, ...], full_scale: float) -> tuple[np.ndarray, ...]:
         """Return the feature arrays of a chunk; delays instead of ranges."""
         n = len(samples[0])
@@ -310,9 +331,9 @@ def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
     return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
 
 
-def local_noise(power: np.ndarray) -> np.ndarray:
-    """Return the noise around each bin of mean spectra (..., B), lines left out: a running median."""
-    return median_filter(power, size=(1,) * (power.ndim - 1) + (_MEDIAN,), mode='nearest')
+def local_noise(power: np.ndarray, bins: int = _MEDIAN) -> np.ndarray:
+    """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
+    return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='nearest')
 
 
 def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:

@@ -39,11 +39,15 @@ class Groups:
     """Features of each of G groups, measured or predicted; S stations with samples, Q parts of a sample (2 with iq)."""
 
     ramp: np.ndarray  # (G, 2 S, K) cosine series, mean over the group
+    flutter: (
+        np.ndarray
+    )  # (G, 2 S, K) variance of the same from sweep to sweep over that of terms around [1]; 1 for none
     lines: np.ndarray  # (G, S, B) power of narrow lines over the noise around [1]; 1 for none
     mean: np.ndarray  # (G, S, Q) [LSB]
     harmonic: np.ndarray  # (G, S, 2 H) over the line [1]
     burst: np.ndarray  # (G, S, 3) of `features.unevenness`
     noise: np.ndarray  # (G, S, BANDS) [dB of 1 LSB^2 per sample]
+    coherence: np.ndarray  # (G, OFFSETS) of both lines' phase noise, imaginary part [1]
     beat: np.ndarray  # (G,) [Hz]
     amplitude: np.ndarray  # (G, S) [dB of 1 LSB]
     range: np.ndarray  # (G,) beyond the reference [m]

@@ -12,6 +12,8 @@ from .search import Fitted, Fitting
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _WIDTHS = (1.0, 2.5, 6.0)  # blocks, of events within the sweep
 _EDGE = 4  # blocks at the sweep's ends in which no event is looked for
+_RHYTHM = (1, 3)  # terms over which a rhythm of random phase spreads
+_FLUTTER_TAILS = 1.1  # the same of variances over the median of those around
 _TAILS = 1.05  # by which deviations told by scatter widen a normal distribution's tails
 
 
@@ -50,6 +52,8 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
         if kind == 'ramp':
             tests += _common(rest[chosen].reshape(len(c.members), -1))
             tests.append(_events(rest, weight, slopes, chosen, c.std.ramp[:, station]))
+        if kind == 'flutter':
+            tests.append(_rhythm(rest[chosen].reshape(len(c.members), -1)))
         probability = min(1.0, len(tests) * min(tests))
         found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
     count = len(found)
@@ -68,6 +72,13 @@ def _common(rest: np.ndarray) -> list[float]:
         float(stats.chi2.sf(np.mean(mean[used] ** 2) * freedom / 1.1, freedom)),
         float(min(1.0, len(_WINDOWS) * len(over_time) * 2.0 * stats.norm.sf(max(windows) / 1.1))),
     ]
+
+
+def _rhythm(rest: np.ndarray) -> float:
+    """Return the chance of the most that sweeps of all groups change at one modulation frequency; `rest` (G, K)."""
+    together = rest.sum(axis=0) / math.sqrt(len(rest))
+    most = max(np.convolve(together, np.ones(width), 'valid').max() / math.sqrt(width) for width in _RHYTHM)
+    return float(min(1.0, len(_RHYTHM) * len(together) * stats.norm.sf(most / _FLUTTER_TAILS)))
 
 
 def _events(rest: np.ndarray, weight: np.ndarray, slopes: np.ndarray, chosen: np.ndarray, std: np.ndarray) -> float:

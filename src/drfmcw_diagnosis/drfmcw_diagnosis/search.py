@@ -16,6 +16,7 @@ from drfmcw_sim.effects import Effect
 
 from .bank import RECIPES, Candidate, at_stations, candidates
 from .comparison import Comparison
+from .features import gaussian
 from .places import CELLS, places
 
 MOST_EFFECTS = 4
@@ -37,6 +38,8 @@ _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what 
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
+_FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
+_FLUTTER_WIDTH = 5  # terms over which it may be displaced
 _BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
 _BURSTS_REST = 1.0  # standard deviations of the noise that bursts may leave
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
@@ -44,6 +47,7 @@ _RIVAL = 16.0  # squared distance below which two explanations are one answer (4
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
 _FEW = 6  # places of rivals that are refined
 _KEPT = 512  # templates
+_BEYOND_LEVEL = 16.0  # gain that a second path must bring elsewhere than in the received power, which may wander
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,6 +223,8 @@ class Fitting:
         lines, size = entries.where(kind='lines'), np.abs(fitted.template)
         trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
         registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
+        flutter = entries.where(kind='flutter')
+        size[flutter], trust[flutter] = self._changing(fitted), _FLUTTER_TRUST
         if any(e.distorts() for e in registered):
             # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
             bins = self.comparison.measured.lines.shape[-1]
@@ -230,6 +236,15 @@ class Fitting:
             # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
             return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
         return trust * size
+
+    def _changing(self, fitted: Fitted) -> np.ndarray:
+        """Return how far flutter may be off, as an explanation makes the ramp change with the phase of each sweep."""
+        c = self.comparison
+        if any(e.distorts() or e.bursts() for e in (Effect.registry[f.candidate.effect] for f in fitted.effects)):
+            return np.full(c.measured.flutter.size, np.inf)
+        count = np.maximum((np.array([len(m) for m in c.members])[:, None, None] - 1) / 2, 0.5)
+        ratio = 1.0 + maximum_filter1d(c.changing([e.build() for e in fitted.effects]), _FLUTTER_WIDTH, axis=-1)
+        return (gaussian(ratio, count) - gaussian(np.ones(1), count)).ravel()
 
     def slopes(self, fitted: Fitted) -> np.ndarray:
         """Return by how much each parameter of an explanation changes its template (parameters, n)."""
@@ -454,6 +469,23 @@ class Search(Fitting):
         doubt = _OFF * np.abs(others.template) * self._weight
         return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
 
+    def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
+        """Return whether the last effect of an explanation is certain and not told by a wander of the power alone.
+
+        Args:
+            fitted: the explanation.
+            beside: template of the other effects.
+        """
+        if not fitted.certain:
+            return False
+        if not fitted.effects[-1].candidate.recipe.fringes:
+            return True
+        elsewhere = ~self.comparison.entries.where(kind='amplitude')
+        before, after = (
+            np.sum(((self.comparison.residual - t) * self._weight)[elsewhere] ** 2) for t in (beside, fitted.template)
+        )
+        return bool(before - after > _BEYOND_LEVEL)
+
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
         beside = current.template if current else 0.0
@@ -514,7 +546,7 @@ class Search(Fitting):
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
                 other = self.fit([*base, (candidate, values)])
                 near = other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE
-                if near and other.certain:
+                if near and self.credible(other, template):
                     known = found.get(other.keys)
                     if known is None or other.misfit < known.misfit:
                         found[other.keys] = other
@@ -538,7 +570,8 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
             current = search.again(current)
         ranked = search.best_addition(current)
         rounds.append(ranked)
-        best = next((f for f in ranked if f.certain), None)
+        beside = current.template if current is not None else 0.0
+        best = next((f for f in ranked if search.credible(f, beside)), None)
         if best is None:
             break
         before = current.misfit if current else search.misfit(0.0)

@@ -1,0 +1,125 @@
+"""Whose oscillator is the noisier: what the phase noise of both stations' lines has in common.
+
+Each line holds one oscillator's noise as it is and the other's a delay earlier. With densities S_1 and S_2 of both and
+a path's delay tau the phases of both lines, each station's own less the received one, have the cross spectrum
+-(S_1 exp(j w tau) + S_2 exp(-j w tau)). The powers of the lines' skirts tell S_1 + S_2 alone; the imaginary part of the
+cross spectrum, -(S_1 - S_2) sin(w tau), tells which is larger. It is compared over the root of the powers of the
+phases' sum and difference, in which the shape of the noise cancels: (S_1 - S_2) / (S_1 + S_2) where it is all there is.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.fft
+
+from drfmcw_physics.sweep import SweepSettings
+
+OFFSETS = 8
+"""Bands of offsets from the line in which both stations' phases are compared."""
+
+_NEAREST = 16  # bins from the line that its own changes within the sweep leave free
+_FARTHEST = 0.25  # of the sample rate
+_CLEAR = 16  # bins of both sidebands from 0 Hz and from the Nyquist frequency
+
+
+@dataclasses.dataclass(frozen=True)
+class Sidebands:
+    """Which sidebands of both lines are compared in a group, over F offsets."""
+
+    offset: np.ndarray  # (F,) [Hz]
+    upper: np.ndarray  # (2, F) those of each station within its spectrum
+    lower: np.ndarray  # (2, F)
+    edges: np.ndarray  # (OFFSETS + 1,) first offset of each band and the end
+    present: np.ndarray  # (OFFSETS,) bands in which both stations have one
+
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """Return sums over each band (..., OFFSETS) of a spectrum (..., F), over offsets at which both have one."""
+        both = np.all(self.upper | self.lower, axis=0)
+        return np.add.reduceat(np.where(both, values, 0.0), self.edges[:-1], axis=-1)
+
+
+def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
+    """Return which sidebands are compared where lines stand at `line` (2,) [Hz]."""
+    width = sweep.sample_rate / sweep.sample_count
+    offset = np.arange(_NEAREST, int(_FARTHEST * sweep.sample_count)) * width
+    upper = line[:, None] + offset < sweep.sample_rate / 2 - _CLEAR * width
+    lower = line[:, None] - offset > _CLEAR * width
+    edges = np.linspace(0, len(offset), OFFSETS + 1).astype(int)
+    present = np.add.reduceat(np.all(upper | lower, axis=0).astype(int), edges[:-1]) >= _NEAREST
+    return Sidebands(offset, upper, lower, edges, present)
+
+
+def measured(
+    samples: Sequence[np.ndarray],
+    line: np.ndarray,
+    chirp: np.ndarray,
+    later: np.ndarray,
+    weights: Sequence[np.ndarray],
+    sweeps: Sequence[SweepSettings],
+) -> np.ndarray:
+    """Return each sweep's share in a group's imaginary coherence (n, OFFSETS), 0 in bands that are not present.
+
+    The mean of the shares is the group's.
+
+    Args:
+        samples: real, of both stations (n, N) [LSB].
+        line: frequencies of their lines (n, 2) [Hz].
+        chirp: that stands on each station's lines (2,) [Hz/s].
+        later: by which the second station's sweeps start later (n,) [s].
+        weights: window of each station (N,).
+        sweeps: settings of both.
+    """
+    used = sidebands(line.mean(axis=0), sweeps[0])
+    phases = []
+    for number, (x, window, sweep) in enumerate(zip(samples, weights, sweeps, strict=True)):
+        time = np.arange(x.shape[1]) / sweep.sample_rate
+        bend = 0.5 * chirp[number] * (time - np.average(time, weights=window)) ** 2
+        turns = line[:, number, None] * time + bend
+        still = x * window.astype(np.float32) * np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
+        spectrum = scipy.fft.fft(still, axis=1)
+        spectrum /= spectrum[:, :1]
+        bins = np.arange(_NEAREST, _NEAREST + len(used.offset))
+        above, below = -1j * spectrum[:, bins], 1j * spectrum[:, -bins].conj()
+        both = np.where(used.upper[number], above, 0.0) + np.where(used.lower[number], below, 0.0)
+        phases.append(sweep.line_sign() * both)
+    one, two = phases[0], -phases[1]  # lines count the first station's phase less the second's
+    two = two * np.exp(-2j * np.pi * later[:, None] * used.offset)
+    # what all sweeps share is no noise; a line of its own at some offset counts no more than noise does
+    one, two = ((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-30) for x in (one, two))
+    cross = one * two.conj()
+    total, difference = (used.summed(1.0 + s * cross.real).mean(axis=0) for s in (1.0, -1.0))
+    power = np.where(used.present, total * difference, np.inf)
+    return used.summed(-cross.imag) / np.sqrt(np.maximum(power, 1e-30))
+
+
+def predicted(
+    used: Sidebands,
+    oscillators: np.ndarray,
+    floors: np.ndarray,
+    responses: np.ndarray,
+    delay: float,
+    early: float,
+) -> np.ndarray:
+    """Return the imaginary coherence of a group (OFFSETS,), 0 in bands that are not present.
+
+    Args:
+        used: sidebands compared.
+        oscillators: densities of both oscillators' phase noise in one sideband (2, F) [1/Hz].
+        floors: density of additive noise over the line's power (2, upper and lower, F) [1/Hz].
+        responses: by which each receiver passes a sideband, over the line (2, upper and lower, F), complex.
+        delay: of the path [s].
+        early: by which the second station's sweeps start earlier than was assumed [s].
+    """
+    there = np.stack([used.upper, used.lower], axis=1)
+    # the lower sideband is the conjugate of the phase's spectrum
+    passed = np.stack([responses[:, 0], responses[:, 1].conj()], axis=1)
+    response = np.sum(np.where(there, passed, 0.0), axis=1)
+    s_1, s_2 = oscillators
+    power = (s_1 + s_2) * np.abs(response) ** 2 + np.sum(np.where(there, floors, 0.0), axis=1)
+    turn = np.exp(2j * np.pi * delay * used.offset)
+    cross = -(s_1 * turn + s_2 / turn) * response[0] * response[1].conj()
+    cross = cross * np.exp(2j * np.pi * early * used.offset) / np.sqrt(np.maximum(power[0] * power[1], 1e-60))
+    total, difference = (used.summed(1.0 + s * cross.real) for s in (1.0, -1.0))
+    power = np.where(used.present, total * difference, np.inf)
+    return used.summed(-cross.imag) / np.sqrt(np.maximum(power, 1e-30))
