@@ -12,8 +12,9 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters, nea
 from drfmcw_sim.effects import Effect
 
 from .bank import RECIPES
-from .comparison import FEWEST, Comparison
+from .comparison import Comparison
 from .dataset import Dataset, read_dataset
+from .known import FEWEST
 from .leftovers import leftovers
 from .next_measurement import ranked
 from .refined import write_scenario

@@ -7,7 +7,7 @@ import numpy as np
 
 from drfmcw_sim.signal_model import Measurements
 
-from .features import BANDS, Extractor, SweepFeatures
+from .features import Extractor, SweepFeatures
 
 _COHERENT = 0.5  # mean of the phasors of a group's sweeps beyond which their phases count as one
 _POOL = 30.0  # sweeps that the scatter in all groups counts for in each
@@ -97,11 +97,6 @@ def align(
         added[:, row] = (turns - np.rint(turns)) / carrier[row]
     rows.paths[0].delay += added.ravel()
     return added.mean(axis=0)
-
-
-def band_edges(bins: int) -> np.ndarray:
-    """Return the first bin of each band and the end of the last, (BANDS + 1,)."""
-    return np.linspace(0, bins, BANDS + 1).astype(int)
 
 
 def pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> np.ndarray:

@@ -1,0 +1,179 @@
+"""What sweeps show of each group of them, and its standard deviations, by their scatter from sweep to sweep."""
+
+import dataclasses
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from . import coherence
+from .features import SweepFeatures, local_noise, mean_power, median_of_mean, quiet_sweeps, ramp_spectrum, unevenness
+from .groups import Groups, joined, pooled
+from .known import BEAT_LIMIT, Known
+from .recorded_sweeps import RecordedSweeps
+
+_FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take out of the ramp
+_FLUTTER_MEDIAN = 31  # terms over which the variance around one is taken
+_SMOOTH = 15  # neighbouring cosine terms that share a variance
+_AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
+_AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
+_COHERENCE_LIMIT = 0.005  # what the coherence of both lines' noise is trusted to [1]
+_MOVEMENT_LIMIT = 1e-5  # what the carrier phase is trusted to [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """Features of all groups, measured."""
+
+    values: Groups
+    std: Groups  # inf where nothing is known to compare with
+    quiet: list[np.ndarray]  # sweeps without a burst in each group (S,)
+
+
+def measured(recorded: RecordedSweeps, known: Known) -> Measured:
+    """Return the features of all groups and their standard deviations, finite where `known` tells what to expect."""
+    members, scatters = recorded.members, recorded.scatters
+    errors_of_range = [s.range - recorded.data.distance[m] for s, m in zip(recorded.sweeps, members, strict=True)]
+    range_std, beat_std, amplitude_std = _scatter(recorded, known, errors_of_range)
+    harmonic_std, coherence_std = _harmonic_scatter(recorded), _coherence_scatter(recorded, known)
+    wave = recorded.parts[0].extract.way_per_phase
+    movement_told = any(part.extract.way_per_phase for part in recorded.parts)
+    noise_told, range_limit = known.noise(), known.range_limit()
+    counts: list[np.ndarray] = []
+    values: list[Groups] = []
+    errors: list[Groups] = []
+    for g, (rows, sweeps, standing) in enumerate(zip(members, recorded.sweeps, recorded.standing, strict=True)):
+        n = len(rows)
+        root = np.sqrt(n)
+        ramp = ramp_spectrum(sweeps.ramp)
+        power, quiet = mean_power(sweeps.power, quiet_sweeps(sweeps.quiet))
+        counts.append(quiet)
+        around = local_noise(power) / median_of_mean(quiet)[:, None]
+        noise, noise_std = recorded.bands.measured(power, sweeps.line.mean(axis=0), quiet)
+        noise_std[~noise_told] = np.inf
+        ramp_variance, mean_variance = _variances(recorded, sweeps, ramp, noise)
+        flutter, steady_variance = _flutter(ramp, scatters)
+        ramp_std = np.full(ramp.shape[1:], np.inf)
+        ramp_std[:, _FREE:] = np.sqrt(ramp_variance / n)
+        burst, burst_std = unevenness(sweeps.quiet) if scatters else (np.zeros((len(recorded.heard), 3)), np.inf)
+        error = errors_of_range[g]
+        movement, movement_std = _movement(sweeps, wave, standing and movement_told)
+        values.append(
+            Groups(
+                ramp.mean(axis=0),
+                flutter,
+                power / around,
+                sweeps.mean.mean(axis=0),
+                sweeps.harmonic.mean(axis=0),
+                burst,
+                noise,
+                recorded.shares[g].mean(axis=0),
+                sweeps.beat.mean(),
+                sweeps.amplitude.mean(axis=0),
+                error.mean(),
+                recorded.slope[g],
+                movement,
+            )
+        )
+        errors.append(
+            Groups(
+                ramp_std,
+                steady_variance,
+                around,
+                np.maximum(np.sqrt(mean_variance), 0.01) / root,
+                harmonic_std[g] / root,
+                burst_std,
+                noise_std,
+                coherence_std[g] / root,
+                np.hypot(beat_std[g] / root, BEAT_LIMIT),
+                np.hypot(amplitude_std[g] / root, _AMPLITUDE_LIMIT),
+                np.hypot(max(range_std[g], 1e-5) / root, range_limit[g]),
+                recorded.slope_std[g],
+                movement_std,
+            )
+        )
+    return Measured(joined(values), joined(errors), counts)
+
+
+def _scatter(
+    recorded: RecordedSweeps, known: Known, errors_of_range: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return by what sweeps scatter: range (G,), beat (G,), amplitudes (G, S); inf where nothing tells it."""
+    told, groups = known.range(), len(recorded.members)
+    expected = np.array(
+        [
+            np.mean(s.range_std**2 + np.nan_to_num(recorded.data.reference_std[m]) ** 2)
+            for s, m in zip(recorded.sweeps, recorded.members, strict=True)
+        ]
+    )
+    range_std, beat_std = np.full(groups, np.inf), np.full(groups, np.inf)
+    amplitude_std = np.full((groups, len(recorded.heard)), np.inf)
+    if not recorded.scatters:
+        range_std[told] = np.sqrt(expected[told])
+        return range_std, beat_std, amplitude_std
+    if told.any():
+        errors = [e[:, None] for e, t in zip(errors_of_range, told, strict=True) if t]
+        range_std[told] = pooled(errors, expected[told])[:, 0]
+    if len(recorded.heard) == 2:
+        beat_std = pooled([s.beat[:, None] for s in recorded.sweeps])[:, 0]
+    shared = _AMPLITUDE_SHARED if len(recorded.heard) == 2 else 1.0
+    amplitude_std = np.where(known.power(), shared * pooled([s.amplitude for s in recorded.sweeps]), np.inf)
+    return range_std, beat_std, amplitude_std
+
+
+def _harmonic_scatter(recorded: RecordedSweeps) -> np.ndarray:
+    """Return by what harmonics scatter from sweep to sweep (G, S, 2 H), alike in both parts of each."""
+    if not recorded.scatters:
+        return np.full((len(recorded.members), *recorded.sweeps[0].harmonic.shape[1:]), np.inf)
+    variance = np.array([s.harmonic.var(axis=0, ddof=1) for s in recorded.sweeps])
+    both = variance.reshape(*variance.shape[:2], 2, -1).mean(axis=2)
+    return np.sqrt(np.nan_to_num(np.tile(both, 2), nan=np.inf))
+
+
+def _coherence_scatter(recorded: RecordedSweeps, known: Known) -> np.ndarray:
+    """Return by what shares in the coherence scatter from sweep to sweep (G, OFFSETS); inf where not compared."""
+    if not (recorded.scatters and len(recorded.heard) == 2 and known.noise().all()):
+        return np.full((len(recorded.members), coherence.OFFSETS), np.inf)
+    scatter = pooled(recorded.shares)
+    present = np.array([np.any(s != 0.0, axis=0) for s in recorded.shares])
+    limit = _COHERENCE_LIMIT * np.sqrt([len(s) for s in recorded.shares])[:, None]
+    return np.where(present, np.hypot(scatter, limit), np.inf)
+
+
+def _variances(
+    recorded: RecordedSweeps, sweeps: SweepFeatures, ramp: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return variances of one sweep of a group: of the ramp's terms but the free ones, and of the means (S, Q).
+
+    Args:
+        recorded: all groups.
+        sweeps: features of one.
+        ramp: cosine series of the same (n, 2 S, K).
+        noise: in bands (S, BANDS) [dB of 1 LSB^2 per sample].
+    """
+    if recorded.scatters:
+        variance = ramp[..., _FREE:].var(axis=0, ddof=1)
+        return uniform_filter1d(variance, _SMOOTH, mode='nearest', axis=-1), sweeps.mean.var(axis=0, ddof=1)
+    white = 10.0 ** (np.nanmedian(noise, axis=1) / 10.0)
+    variance, mean_variance = recorded.parts[0].extract.white_noise(sweeps, white)
+    return variance[:, None], mean_variance
+
+
+def _flutter(ramp: np.ndarray, scatters: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return variances over what noise makes of them, and what noise makes of them, (2 S, K) each.
+
+    Args:
+        ramp: cosine series of a group's sweeps (n, 2 S, K).
+        scatters: they are enough to tell a variance; it is 1 else.
+    """
+    if not scatters:
+        return np.ones(ramp.shape[1:]), np.ones(ramp.shape[1:])
+    variance = ramp.var(axis=0, ddof=1)
+    around = local_noise(variance, _FLUTTER_MEDIAN) / median_of_mean((len(ramp) - 1) / 2)
+    return variance / around, around
+
+
+def _movement(sweeps: SweepFeatures, wave: float, standing: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf on a drive."""
+    turned = np.unwrap(sweeps.carrier) * wave
+    std = np.hypot(sweeps.phase_std * wave, _MOVEMENT_LIMIT)
+    return turned - turned.mean(), std if standing else np.full(len(turned), np.inf)

@@ -1,0 +1,174 @@
+"""The features that the simulator's forward model predicts for a recording's groups, with effects or without."""
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects.base import Stage
+from drfmcw_sim.signal_model import Measurements
+
+from .features import mean_power, quiet_sweeps, ramp_spectrum, unevenness
+from .groups import Groups, Part, joined
+from .noise_model import NoiseModel
+from .recorded_sweeps import RecordedSweeps
+from .simulated_sweeps import DISTORTED, SimulatedSweeps, acted
+
+_RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
+_BURSTING = 12  # sweeps simulated per group, at most, where one comes and goes
+
+
+class Predictor:
+    """Predicts the features of a recording's G groups; S stations with samples."""
+
+    def __init__(self, recorded: RecordedSweeps, std: Groups) -> None:
+        """Predict what there is without effects.
+
+        Args:
+            recorded: whose conditions, lines and jitter the model has.
+            std: of the measured features, which tell the noise around lines and in the ramp.
+        """
+        self._recorded, self._std = recorded, std
+        self._simulated = SimulatedSweeps(recorded)
+        self.noise = NoiseModel(recorded, np.isfinite(std.coherence).any(axis=1))
+        self._plain_power: dict[int, np.ndarray] = {}
+        # what noise makes without any effect, by the first group of a part
+        self._undistorted: dict[int, np.ndarray] = {}
+        self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.plain = self.predict(())
+
+    def predict(self, effects: Sequence[Effect]) -> Groups:
+        """Return the features that the model with `effects` predicts, from noise-free samples of the simulator."""
+        return self._predict(tuple(effects))
+
+    @functools.lru_cache(maxsize=64)  # noqa: B019 a predictor lives as long as its predictions are wanted
+    def _predict(self, effects: tuple[Effect, ...]) -> Groups:
+        found: list[Groups] = [None] * len(self._recorded.members)
+        for part in self._recorded.parts:
+            state = acted(part, effects)
+            features = self._simulated.mean(part, [e for e in effects if not e.bursts()])
+            reference = self._reference(part, effects)
+            displacement = self._displacement(part, effects)
+            quiet, shared = self.noise.predicted(part, state, effects, features.line)
+            velocity = self._velocity(part.steady, effects)
+            distorting = any(e.distorts() for e in effects)
+            changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
+            burst = np.zeros((len(part.groups), len(self._recorded.heard), 3))
+            if any(e.bursts() for e in effects):
+                burst, louder = self._bursts(part, effects)
+                quiet = quiet + louder
+            if not effects:
+                self._plain_power |= dict(zip(part.groups.tolist(), features.power, strict=True))
+            for row, g in enumerate(part.groups.tolist()):
+                added = np.maximum(features.power[row] - self._plain_power[g], 0.0).astype(float)
+                added[self._recorded.bands.at_line(features.line[row], added.shape[-1])] = 0.0
+                noise, floor = self._recorded.bands.raised(quiet[row], added, features.line[row])
+                around = np.ones(added.shape)
+                if distorting:
+                    noise = self.plain.noise[g] + changed[row]
+                    # where harmonics raise the median around, the noise itself is what they add to
+                    raised = self._std.lines[g] > _RAISED * floor
+                    raised[~np.any(added > floor, axis=1)] = False
+                    around[raised] = (floor / self._std.lines[g])[raised]
+                found[g] = Groups(
+                    ramp_spectrum(features.ramp[row]),
+                    np.ones(self._std.flutter.shape[1:]),
+                    around + added / self._std.lines[g],
+                    features.mean[row],
+                    features.harmonic[row],
+                    burst[row],
+                    noise,
+                    shared[row],
+                    features.beat[row],
+                    features.amplitude[row],
+                    features.range[row] - reference[row],
+                    velocity[row],
+                    displacement[row],
+                )
+        return joined(found)
+
+    def changing(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
+
+        What a spur or a mirror line brings has a phase of its own in every sweep.
+        """
+        result = np.zeros(self._std.flutter.shape)
+        for part in self._recorded.parts:
+            ramp = ramp_spectrum(self._simulated.copies(part, [e for e in effects if not e.bursts()], 2)[0].ramp)
+            result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
+        return result / self._std.flutter
+
+    def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
+        first = int(part.groups[0])
+        if first not in self._undistorted:
+            self._undistorted[first] = self._noisy_bands(part, ())
+        return np.nan_to_num(self._noisy_bands(part, effects) - self._undistorted[first])
+
+    def _noisy_bands(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the noise in bands of noisy sweeps (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
+        features = self._simulated.distorted(part, effects, True)
+        counts = np.full(len(self._recorded.heard), DISTORTED)
+        return np.array(
+            [
+                self._recorded.bands.measured(p, line, counts)[0]
+                for p, line in zip(features.power, features.line, strict=True)
+            ]
+        )
+
+    def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].
+
+        Simulated among noise, with the same noise as without them.
+        """
+        first = int(part.groups[0])
+        if first not in self._steady:
+            self._steady[first] = self._among_noise(part, ())
+        (uneven, bands), (even, plain) = self._among_noise(part, effects), self._steady[first]
+        # bursts know no distance, and all groups together hold enough of them
+        return np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain)
+
+    def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, BANDS) [dB] of noisy sweeps."""
+        copies, count = min(max(map(len, part.local)), _BURSTING), len(part.groups)
+        features = self._simulated.jittered(part, effects, True, copies)
+        quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
+        line = features.line.reshape(copies, count, -1).mean(axis=0)
+        spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
+        bands = [self._recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
+        return np.array([unevenness(q)[0] for q in quiet]), np.array(bands)
+
+    def _reference(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way."""
+        m = part.steady
+        slope = np.where(self._recorded.standing, 0.0, self._recorded.slope)[part.groups]
+
+        def distance_at(time):
+            return m.range + slope * (time - m.time)
+
+        reading = m.range.copy()
+        for effect in effects:
+            reading = reading + effect.reference_error(m.time, m.range, distance_at)
+        return reading
+
+    def _velocity(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the slope that the reference shows in each group [m/s] (G,): it sees the crane drive, not sway."""
+        driven = m.rows(slice(None))
+        for effect in effects:
+            if effect.name == 'target_motion':
+                effect.prepare(driven)
+        return driven.velocity
+
+    def _displacement(self, part: Part, effects: Sequence[Effect]) -> list[np.ndarray]:
+        """Return the movement within each group [m], (n of group,) each."""
+        # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
+        moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
+        if not moving:
+            return [np.zeros(len(local)) for local in part.local]
+        moved = part.all.rows(slice(None))
+        for effect in moving:
+            effect.prepare(moved)
+        way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
+        return [way[local] - way[local].mean() for local in part.local]
