@@ -70,7 +70,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     'delay_temperature': (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),),
     'ground_reflection': (
         Recipe('coefficient', {'coefficient': 0.02}, {'coefficient': 0.5, 'height_product': 100.0},
-               scanned='height_product', defining=('height_product',), fringes=True),
+               scanned='height_product', defining=('height_product',), steps={'height_product': 0.003}, fringes=True),
     ),
     'echo': (
         Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
@@ -111,7 +111,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'sway': (
         Recipe('amplitude', {'amplitude': 1e-4}, {'amplitude': 0.05, 'frequency': 2.0, 'phase': 3.0},
-               scanned='frequency', quadrature=('phase', np.pi / 2.0), steps={'frequency': 0.01, 'phase': 0.01}),
+               scanned='frequency', quadrature=('phase', np.pi / 2.0), steps={'frequency': 1e-5, 'phase': 0.01}),
     ),
     'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
     'clipping': (

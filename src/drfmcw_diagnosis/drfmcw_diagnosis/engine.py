@@ -31,7 +31,7 @@ from .result import (
     Separability,
     Series,
 )
-from .search import Fitted, FittedEffect, Fitting, Search, forward
+from .search import Fitted, FittedEffect, Fitting, Search, rivals, searched
 from .wording import sentences
 
 FALSE_ALARM_RATE = 0.01
@@ -105,23 +105,23 @@ def diagnose_dataset(
     report = progress or (lambda text, share: None)
     comparison = Comparison(data)
     search = Search(comparison, progress, without)
-    found, significance, rounds = forward(search, false_alarm_rate)
+    result = searched(search, false_alarm_rate)
+    found, significance = result.explanation, result.significance
     left = leftovers(search, found)
     unexplained = [x for x in left if x.probability < false_alarm_rate]
-    rivals: list[Fitted] = []
+    alternatives: list[Fitted] = []
     if unexplained:
         verdict, chosen = 'unexplained', None
         significance = min(significance, unexplained[0].probability)
     elif found is None:
         verdict, chosen = 'consistent', None
     else:
-        report('rivals', 0.9)
-        rivals = search.rivals(found)
-        verdict, chosen = ('ambiguous' if rivals else 'explained'), found
+        alternatives = rivals(found, result.exchanged)
+        verdict, chosen = ('ambiguous' if alternatives else 'explained'), found
     deciding: tuple[NextMeasurement, ...] = ()
-    if rivals:
+    if alternatives:
         report('measurements that would decide', 0.93)
-        deciding = ranked(search, found, rivals)
+        deciding = ranked(search, found, alternatives)
     report('held-out sweeps', 0.95)
     explanation = _explanation(search, chosen) if chosen else None
     refined = None
@@ -137,7 +137,7 @@ def diagnose_dataset(
         false_alarm_rate=false_alarm_rate,
         locations=_locations(comparison),
         explanation=explanation,
-        alternatives=tuple(_explanation(search, r) for r in rivals),
+        alternatives=tuple(_explanation(search, r) for r in alternatives),
         next_measurement=deciding[0].sentence if deciding and deciding[0].decides else None,
         measurements=deciding,
         fit=_fit(comparison, chosen, data, fitted_rows, held_rows),
@@ -146,7 +146,7 @@ def diagnose_dataset(
         sentences=(),
         series=_series(comparison, chosen),
         misfit_map=_misfit_map(comparison, chosen),
-        separability=_separability(rounds),
+        separability=_separability(result.rounds),
         sweeps_fitted=len(fitted_rows),
         sweeps_held_out=len(held_rows),
         command=command,

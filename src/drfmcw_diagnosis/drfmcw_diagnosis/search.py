@@ -22,6 +22,7 @@ from .places import CELLS, places
 MOST_EFFECTS = 4
 """Effects in one explanation."""
 
+_HOPELESS = 0.1  # of a misfit many times that of noise, which each effect must explain at least
 _FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
@@ -45,7 +46,12 @@ _BURSTS_REST = 1.0  # standard deviations of the noise that bursts may leave
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
-_FEW = 6  # places of rivals that are refined
+_FEW = 6  # kinds of rivals that are refined
+_PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
+_FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
+_BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
+_BETTER = 3.0  # log evidence by which an exchange must be better to be made
+_EXCHANGED = 3  # times at most
 _KEPT = 512  # templates
 _BEYOND_LEVEL = 16.0  # gain that a second path must bring elsewhere than in the received power, which may wander
 
@@ -280,7 +286,7 @@ class Search(Fitting):
         super().__init__(comparison)
         self._kept: dict[tuple, np.ndarray] = {}
         self._without = without
-        self._progress = progress or (lambda text, share: None)
+        self.report = progress or (lambda text, share: None)
         data = comparison.data
         calibration = data.calibration[0]
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
@@ -293,7 +299,7 @@ class Search(Fitting):
                 self.bank.append(candidate)
                 templates.append(template.astype(np.float32))
             if number % 20 == 0:
-                self._progress('templates of the registry', number / len(bank))
+                self.report('templates of the registry', number / len(bank))
         self.templates = np.array(templates)
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
         self._places = collections.Counter(c.key for c in self.bank)
@@ -513,7 +519,7 @@ class Search(Fitting):
         enough = self.misfit(beside) - _LEAST
         starts = [f for f in starts if f.misfit < enough]
         for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):
-            self._progress('refinement', number / _REFINED)
+            self.report('refinement', number / _REFINED)
             results.append(self.fit([*base, *((e.candidate, e.values) for e in start.effects)]))
         return sorted(results, key=lambda f: -f.evidence)
 
@@ -527,44 +533,99 @@ class Search(Fitting):
 
     # --- rivals ---
 
-    def rivals(self, fitted: Fitted) -> list[Fitted]:
-        """Return explanations with one effect replaced by another that fit nearly alike, best first."""
+    def exchanges(self, fitted: Fitted) -> list[Fitted]:
+        """Return explanations with one effect exchanged for another, or for itself at another place, best first.
+
+        Only those that come near the explanation, or fit better, are refined to the end.
+        """
         found: dict[tuple, Fitted] = {}
         for left_out in range(len(fitted.effects)):
             kept = [e for i, e in enumerate(fitted.effects) if i != left_out]
             base = [(e.candidate, e.values) for e in kept]
             template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
             residual = self.comparison.residual - template
-            exclude = {e.key for e in fitted.effects}
             goal = self.misfit(template) - fitted.misfit
             tried: dict[tuple, int] = {}
-            for gain, candidate, values in self._promising(residual, exclude):
-                if gain < 0.3 * goal or len(tried) >= _FEW:
+            for gain, candidate, values in self._promising(residual, {e.key for e in kept}):
+                if gain < _PROMISED * goal or len(tried) >= _FEW:
                     break
                 if tried.get(candidate.key, 0) >= 2:
                     continue
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
-                other = self.fit([*base, (candidate, values)])
-                near = other.misfit - fitted.misfit < _RIVAL and other.evidence > fitted.evidence - _WORSE
-                if near and self.credible(other, template):
-                    known = found.get(other.keys)
-                    if known is None or other.misfit < known.misfit:
-                        found[other.keys] = other
+                other = self.fit([*base, (candidate, values)], _FIRST_STEPS)
+                if other.misfit - fitted.misfit > max(_FAR * _RIVAL, _BEHIND * goal):
+                    continue
+                other = self.fit([(e.candidate, e.values) for e in other.effects])
+                same = other.keys == fitted.keys and other.misfit > fitted.misfit - _RIVAL
+                if same or not self.credible(other, template):
+                    continue
+                known = found.get(other.keys)
+                if known is None or other.misfit < known.misfit:
+                    found[other.keys] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
 
 
-def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, float, list[list[Fitted]]]:
-    """Return the effects that the data demand, the chance of the first, and the ranking of each round.
+def rivals(fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
+    """Return which of the explanations with one effect exchanged fit nearly as well as one, best first."""
+    return [
+        other
+        for other in exchanged
+        if other.keys != fitted.keys
+        and other.misfit - fitted.misfit < _RIVAL
+        and other.evidence > fitted.evidence - _WORSE
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What a search came to."""
+
+    explanation: Fitted | None
+    significance: float  # chance of the first effect
+    rounds: list[list[Fitted]]  # ranking at each addition
+    exchanged: list[Fitted]  # explanations with one effect exchanged
+
+
+def searched(search: Search, false_alarm_rate: float) -> Found:
+    """Return the effects that the data demand: added one by one, dropped again, and exchanged for better ones.
 
     Args:
         search: prepared.
         false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
     """
-    current: Fitted | None = None
-    significance = 1.0
-    rounds = []
     search.trust(None)
-    for _ in itertools.repeat(None, MOST_EFFECTS):
+    current, significance, rounds = forward(search, None, false_alarm_rate)
+    current = pruned(search, current, false_alarm_rate)
+    exchanged: list[Fitted] = []
+    for _ in range(_EXCHANGED):
+        if current is None:
+            break
+        search.trust(current)
+        current = search.again(current)
+        search.report('rivals', 0.9)
+        exchanged = search.exchanges(current)
+        if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
+            break
+        current = search.settled(exchanged[0])
+        current, _, more = forward(search, current, false_alarm_rate)
+        current = pruned(search, current, false_alarm_rate)
+        rounds += more
+    return Found(current, significance, rounds, exchanged)
+
+
+def forward(
+    search: Search, current: Fitted | None, false_alarm_rate: float
+) -> tuple[Fitted | None, float, list[list[Fitted]]]:
+    """Return an explanation with effects added, the chance of the first addition, and the ranking of each round.
+
+    Args:
+        search: prepared.
+        current: effects to begin with, None for none.
+        false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
+    """
+    significance = 1.0
+    rounds: list[list[Fitted]] = []
+    while current is None or len(current.effects) < MOST_EFFECTS:
         if current is not None:
             search.trust(current)
             current = search.again(current)
@@ -578,14 +639,17 @@ def forward(search: Search, false_alarm_rate: float) -> tuple[Fitted | None, flo
         added = best.effects[-1]
         gain = before - best.misfit - search.imitated(added, current)
         chance = search.probability(gain, len(added.candidate.free), added.key)
-        if current is None:
+        if len(rounds) == 1:
             significance = chance
         needed = current.evidence if current else 0.0
         accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
         if chance > accepted or best.evidence <= needed + 1.0:
             break
+        excess = before - len(search.comparison.residual)
+        if excess > len(search.comparison.residual) and before - best.misfit < _HOPELESS * excess:
+            break  # the few effects that may follow will not explain it
         current = search.settled(best)
-    return pruned(search, current, false_alarm_rate), significance, rounds
+    return current, significance, rounds
 
 
 def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:

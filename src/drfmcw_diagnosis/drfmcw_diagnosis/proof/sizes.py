@@ -30,6 +30,7 @@ from .generator import (
 )
 
 _AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # places of the nuisances
+_OFF = 0.5  # of a line's amplitude, below which it counts as silent
 _ABSENT = 1.0  # [1/Hz] noise density of a side-band that a real IF does not have
 _NEPER = 20.0 / math.log(10.0)  # [dB]
 
@@ -162,7 +163,8 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> tuple[list[np.nda
     first, again, supports = [], [], []
     for s in (FIRST, SECOND):
         old, new = clean(before, s, rows), clean(after, s, rows)
-        on = (old != 0.0) & (new != 0.0)
+        # where a chirp is off, a filter's answer to its edge is no line whose change could be told
+        on = np.minimum(np.abs(old), np.abs(new)) > _OFF * np.abs(old).max(axis=1, keepdims=True)
         ratio = np.where(on, new / np.where(on, old, 1.0), 1.0)
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
         smooth = np.where(on, smooth, 0.0)
