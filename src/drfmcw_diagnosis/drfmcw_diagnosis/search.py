@@ -53,6 +53,7 @@ _BEHIND = 0.2  # of what an effect explains, by which an exchange for it may the
 _BETTER = 3.0  # log evidence by which an exchange must be better to be made
 _EXCHANGED = 3  # times at most
 _KEPT = 512  # templates
+_PARALLEL = 0.02  # of a template's power that counts, however much of it an explanation may follow
 _BEYOND_LEVEL = 16.0  # gain that a second path must bring elsewhere than in the received power, which may wander
 
 
@@ -110,6 +111,28 @@ class Fitted:
         return tuple(sorted(e.key for e in self.effects))
 
 
+def _as_it_is(values: np.ndarray) -> np.ndarray:
+    return values
+
+
+class Freedom:
+    """What the parameters of an explanation can follow to first order."""
+
+    def __init__(self, slopes: np.ndarray) -> None:
+        """Take the whitened derivatives of a template by its parameters (P, n)."""
+        self._slopes = slopes
+        self._inverse = np.linalg.pinv(slopes @ slopes.T)
+
+    def left(self, values: np.ndarray) -> np.ndarray:
+        """Return what they cannot follow of whitened values (..., n)."""
+        return values - (values @ self._slopes.T) @ self._inverse @ self._slopes
+
+    def followed(self, values: np.ndarray) -> np.ndarray:
+        """Return the squared length of what they follow of whitened values (..., n)."""
+        along = values @ self._slopes.T
+        return np.einsum('...p,pq,...q->...', along, self._inverse, along)
+
+
 class Fitting:
     """Fits the parameters of effects to one comparison."""
 
@@ -126,6 +149,7 @@ class Fitting:
         start: Sequence[tuple[Candidate, dict[str, float]]],
         steps: int = _STEPS,
         beside: np.ndarray | float = 0.0,
+        freedom: 'Freedom | None' = None,
     ) -> Fitted:
         """Fit the parameters of effects together.
 
@@ -133,7 +157,9 @@ class Fitting:
             start: effects with the values at which the fit begins.
             steps: at most, of Levenberg and Marquardt's method.
             beside: template of other effects that stay as they are; the result's template contains it.
+            freedom: of these others, which may follow to first order; the result's misfit is then that without it.
         """
+        left = freedom.left if freedom is not None else _as_it_is
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
@@ -151,7 +177,7 @@ class Fitting:
         weight = self._weight_of(chosen, template)
 
         def misfit_of(other: np.ndarray) -> float:
-            return float(np.sum(((y - other) * weight) ** 2))
+            return float(np.sum(left((y - other) * weight) ** 2))
 
         misfit = misfit_of(template)
         damping = 1e-3
@@ -165,7 +191,7 @@ class Fitting:
                 if moved[k] > limits[k][1]:
                     moved[k] = point[k] - step
                 change = beside + self._template(effects_at(moved)) - template
-                slope[k] = change / (moved[k] - point[k]) * weight
+                slope[k] = left(change / (moved[k] - point[k]) * weight)
             normal = slope @ slope.T
             gradient = slope @ ((y - template) * weight)
             improved = False
@@ -193,7 +219,8 @@ class Fitting:
             values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
             fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}))
         occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
-        misfit = self.misfit(template)
+        if freedom is None:
+            misfit = self.misfit(template)
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
         return Fitted(tuple(fitted), misfit, template, evidence)
 
@@ -401,25 +428,42 @@ class Search(Fitting):
                 return fitted
             fitted = best
 
-    def _promising(self, residual: np.ndarray, exclude: set[tuple[str, str]]) -> list[tuple[float, Candidate, dict]]:
-        """Return (promised gain, candidate, values) of the bank's places, best first."""
+    def _promising(
+        self, residual: np.ndarray, exclude: set[tuple[str, str]], freedom: Freedom | None
+    ) -> list[tuple[float, Candidate, dict]]:
+        """Return (promised gain, candidate, values) of the bank's places, best first.
+
+        Args:
+            residual: that they should explain.
+            exclude: effects that are not tried.
+            freedom: of the explanation that is there already and may follow.
+        """
         scanned = [c for c in self._scanned(residual) if c.key not in exclude]
         kept = [i for i, c in enumerate(self.bank) if c.key not in exclude]
-        templates = [self._unit(c) for c in scanned]
-        weight = (self._weight**2).astype(np.float32)
-        weighted = (residual * weight).astype(np.float32)
-        overlap = [*(self.templates @ weighted)[kept], *(t @ weighted for t in templates)]
-        power = [*np.einsum('ij,ij,j->i', self.templates, self.templates, weight)[kept]]
-        power += [(t * t) @ weight for t in templates]
+        chosen = [*(self.bank[i] for i in kept), *scanned]
+        weighted = (residual * self._weight**2).astype(np.float32)
+        templates = np.concatenate(
+            [self.templates[kept], np.array([self._unit(c) for c in scanned]).reshape(len(scanned), len(weighted))]
+        )
+        overlap = templates @ weighted
+        power = self._power(templates, freedom)
         found = [
-            self._scaled(candidate, float(o), float(p), residual)
-            for candidate, o, p in zip([*(self.bank[i] for i in kept), *scanned], overlap, power, strict=True)
+            self._scaled(candidate, float(o), float(p), residual, freedom)
+            for candidate, o, p in zip(chosen, overlap, power, strict=True)
             if p > _NOTHING**2
         ]
         return sorted(found, key=lambda item: -item[0])
 
+    def _power(self, templates: np.ndarray, freedom: Freedom | None) -> np.ndarray:
+        """Return the squared lengths of templates (..., n) beyond what an explanation may follow of them."""
+        whitened = templates * self._weight.astype(np.float32)
+        power = np.einsum('...j,...j->...', whitened, whitened)
+        if freedom is None:
+            return power
+        return np.maximum(power - freedom.followed(whitened), _PARALLEL * power)
+
     def _scaled(
-        self, candidate: Candidate, overlap: float, power: float, residual: np.ndarray
+        self, candidate: Candidate, overlap: float, power: float, residual: np.ndarray, freedom: Freedom | None
     ) -> tuple[float, Candidate, dict]:
         """Return what scaling one template promises, and the values with which to begin."""
         recipe, values = candidate.recipe, dict(candidate.values)
@@ -431,9 +475,8 @@ class Search(Fitting):
         turn, quarter = recipe.quadrature
         if turn:
             second = self._unit(candidate, dict(values) | {turn: values.get(turn, 0.0) + quarter})
-            weighted = second * self._weight**2
-            second_power = max(float(weighted @ second), 1e-30)
-            second_scale = float(weighted @ residual) / second_power
+            second_power = max(float(self._power(second, freedom)), 1e-30)
+            second_scale = float((second * self._weight**2) @ residual) / second_power
             gain += second_scale**2 * second_power
             angle = math.atan2(second_scale, scale)
             values[turn] = values.get(turn, 0.0) + quarter * angle / (math.pi / 2.0)
@@ -461,6 +504,12 @@ class Search(Fitting):
             gain += scale * overlap
             values[name] = min(max(scale * value, low), high)
         return gain, candidate, values
+
+    def freedom(self, fitted: Fitted | None) -> Freedom | None:
+        """Return what an explanation can follow, None without effects."""
+        if fitted is None or not fitted.effects:
+            return None
+        return Freedom(self.slopes(fitted) * self._weight)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from where it is."""
@@ -497,7 +546,8 @@ class Search(Fitting):
         beside = current.template if current else 0.0
         residual = self.comparison.residual - beside
         have = {e.key for e in current.effects} if current else set()
-        promising = self._promising(residual, have)
+        freedom = self.freedom(current)
+        promising = self._promising(residual, have, freedom)
         chosen: dict[tuple, list] = {}
         for gain, candidate, values in promising:
             if gain < _LEAST:
@@ -513,7 +563,7 @@ class Search(Fitting):
             linear = len(starts_of) == 1 and starts_of[0][1].recipe.size
             effect = Effect.registry[starts_of[0][1].effect]
             steps = 0 if linear or effect.distorts() or effect.bursts() else _FIRST_STEPS
-            at = [self.fit([(candidate, values)], steps, beside) for _, candidate, values in starts_of]
+            at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in starts_of]
             starts.append(min(at, key=lambda f: f.misfit))
         results = []
         enough = self.misfit(beside) - _LEAST
@@ -546,7 +596,8 @@ class Search(Fitting):
             residual = self.comparison.residual - template
             goal = self.misfit(template) - fitted.misfit
             tried: dict[tuple, int] = {}
-            for gain, candidate, values in self._promising(residual, {e.key for e in kept}):
+            freedom = self.freedom(dataclasses.replace(fitted, effects=tuple(kept), template=template))
+            for gain, candidate, values in self._promising(residual, {e.key for e in kept}, freedom):
                 if gain < _PROMISED * goal or len(tried) >= _FEW:
                     break
                 if tried.get(candidate.key, 0) >= 2:
