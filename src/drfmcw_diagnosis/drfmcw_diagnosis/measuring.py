@@ -37,6 +37,7 @@ def measured(recorded: RecordedSweeps, known: Known) -> Measured:
     harmonic_std, coherence_std = _harmonic_scatter(recorded), _coherence_scatter(recorded, known)
     wave = recorded.parts[0].extract.way_per_phase
     movement_told = any(part.extract.way_per_phase for part in recorded.parts)
+    range_told = known.range()
     noise_told, range_limit = known.noise(), known.range_limit()
     counts: list[np.ndarray] = []
     values: list[Groups] = []
@@ -56,7 +57,11 @@ def measured(recorded: RecordedSweeps, known: Known) -> Measured:
         ramp_std[:, _FREE:] = np.sqrt(ramp_variance / n)
         burst, burst_std = unevenness(sweeps.quiet) if scatters else (np.zeros((len(recorded.heard), 3)), np.inf)
         error = errors_of_range[g]
-        movement, movement_std = _movement(sweeps, wave, standing and movement_told)
+        if standing:
+            movement, movement_std = _movement_by_phase(sweeps, wave, movement_told)
+        else:
+            reference_std = recorded.data.reference_std[rows]
+            movement, movement_std = _movement_by_range(sweeps, error, reference_std, range_told[g] and movement_told)
         values.append(
             Groups(
                 ramp.mean(axis=0),
@@ -172,8 +177,19 @@ def _flutter(ramp: np.ndarray, scatters: bool) -> tuple[np.ndarray, np.ndarray]:
     return variance / around, around
 
 
-def _movement(sweeps: SweepFeatures, wave: float, standing: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf on a drive."""
+def _movement_by_phase(sweeps: SweepFeatures, wave: float, told: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf if not told."""
     turned = np.unwrap(sweeps.carrier) * wave
     std = np.hypot(sweeps.phase_std * wave, _MOVEMENT_LIMIT)
-    return turned - turned.mean(), std if standing else np.full(len(turned), np.inf)
+    return turned - turned.mean(), std if told else np.full(len(turned), np.inf)
+
+
+def _movement_by_range(
+    sweeps: SweepFeatures, error: np.ndarray, reference_std: np.ndarray, told: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a drive's range shows beyond the reference [m] (n,), and its deviation: inf if not told.
+
+    From sweep to sweep a drive passes more wavelengths than the reference can count, so the phase tells nothing.
+    """
+    std = np.hypot(sweeps.range_std, np.nan_to_num(reference_std))
+    return error - error.mean(), std if told else np.full(len(error), np.inf)

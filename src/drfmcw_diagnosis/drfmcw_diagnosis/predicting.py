@@ -162,7 +162,7 @@ class Predictor:
         return driven.velocity
 
     def _displacement(self, part: Part, effects: Sequence[Effect]) -> list[np.ndarray]:
-        """Return the movement within each group [m], (n of group,) each."""
+        """Return the movement within each group beyond what the reference shows [m], (n of group,) each."""
         # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
         moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
         if not moving:
@@ -171,4 +171,7 @@ class Predictor:
         for effect in moving:
             effect.prepare(moved)
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
-        return [way[local] - way[local].mean() for local in part.local]
+        creep = (self._velocity(part.all, effects) - part.all.velocity) * part.all.time
+        creeps = self._recorded.standing[part.groups]  # slower than the reference could show
+        ways = [way[local] + (creep[local] if slow else 0.0) for local, slow in zip(part.local, creeps, strict=True)]
+        return [w - w.mean() for w in ways]
