@@ -22,6 +22,7 @@ movement; where it hears itself, most of its oscillator's noise cancels with the
 """
 
 import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
@@ -135,17 +136,31 @@ class Extractor:
             for s in self.estimator.stations
         ]
 
-    def __call__(self, samples: tuple[np.ndarray, ...], full_scale: float, index: np.ndarray) -> SweepFeatures:
+    def __call__(
+        self,
+        samples: tuple[np.ndarray, ...],
+        full_scale: float,
+        index: np.ndarray,
+        harmonic: bool = True,
+        quiet: bool = True,
+    ) -> SweepFeatures:
         """Return the features of sweeps.
 
         Args:
             samples: of each station with samples (n, N) or (n, 2 N), int16, or float before the ADC.
             full_scale: ADC code of full scale [LSB].
             index: refractive index of the air (n,).
+            harmonic: take the harmonics, which are (n, S, 0) else.
+            quiet: take the power without the line, which is (n, S, 0) else.
         """
-        parts = [self._chunk(tuple(x[i : i + 64] for x in samples), full_scale) for i in range(0, len(samples[0]), 64)]
+        taken = tuple(f for f, wanted in ((self._harmonics, harmonic), (self._without_line, quiet)) if wanted)
+        parts = [
+            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken) for i in range(0, len(samples[0]), 64)
+        ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, harmonic, quiet, beat, amplitude, delay, std, carrier, phase_std = found
+        ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std, *rest = found
+        nothing = np.zeros((*line.shape, 0))
+        harmonics, quiets = (rest.pop(0) if wanted else nothing for wanted in (harmonic, quiet))
         hardware = sum(c.delay for c in self.calibrations)
         velocity = SPEED_OF_LIGHT / index
         return SweepFeatures(
@@ -154,8 +169,8 @@ class Extractor:
             power=power,
             line=line,
             mean=mean,
-            harmonic=harmonic,
-            quiet=quiet,
+            harmonic=harmonics,
+            quiet=quiets,
             beat=beat,
             amplitude=amplitude,
             range=(delay - hardware) * velocity,
@@ -195,8 +210,10 @@ class Extractor:
         later = self.sweeps[0].start_delay + (sweeps.beat - sweeps.beat.mean()) / self.beat_per_start_delay
         return coherence.measured(samples, sweeps.line, chirp, later, self._weights, self.sweeps)
 
-    def _chunk(self, samples: tuple[np.ndarray, ...], full_scale: float) -> tuple[np.ndarray, ...]:
-        """Return the feature arrays of a chunk; delays instead of ranges."""
+    def _chunk(
+        self, samples: tuple[np.ndarray, ...], full_scale: float, taken: Sequence[Callable[..., np.ndarray]]
+    ) -> tuple[np.ndarray, ...]:
+        """Return the feature arrays of a chunk, those that take single stations' samples last; delays, not ranges."""
         n = len(samples[0])
         estimates, base = self.estimator.with_basebands(samples, full_scale)
         self.time = base.time[0]
@@ -222,16 +239,16 @@ class Extractor:
                 ],
                 axis=1,
             ),
-            *(
-                np.stack(
-                    [
-                        taken(_complex(x, self.iq), e.frequency, w, s.sweep)
-                        for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
-                    ],
-                    axis=1,
-                )
-                for taken in (self._harmonics, self._without_line)
-            ),
+        )
+        of_stations = tuple(
+            np.stack(
+                [
+                    take(_complex(x, self.iq), e.frequency, w, s.sweep)
+                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                ],
+                axis=1,
+            )
+            for take in taken
         )
         if len(self.heard) == 1:
             (only,) = estimates
@@ -246,6 +263,7 @@ class Extractor:
                 only.frequency_std / abs(station.chirp_rate),
                 only.phase,
                 only.independent_std * self.phase_per_frequency,
+                *of_stations,
             )
         one, two = phases[0], self.sign * phases[1]
         first, second = estimates
@@ -259,6 +277,7 @@ class Extractor:
             np.array([p.std for p in paths]),
             np.array([p.carrier_phase for p in paths]),
             np.hypot(first.independent_std, second.independent_std) * self.phase_per_frequency,
+            *of_stations,
         )
 
     def _harmonics(

@@ -55,7 +55,7 @@ class Groups:
     movement: np.ndarray  # (n sweeps,) within the group [m]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Part:
     """The groups of one setting of the sweep."""
 

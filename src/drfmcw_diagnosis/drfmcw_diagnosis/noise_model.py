@@ -18,6 +18,7 @@ from .recorded_sweeps import RecordedSweeps
 
 _FLOOR_LIMIT = 0.02  # what the model of a white floor is trusted to [dB]
 _SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
+_DELAY_STEP = 1e-9  # that turns no sideband's phase noticeably [s]
 _FREQUENCIES = 16  # of each band at which the skirts are taken
 
 
@@ -33,6 +34,7 @@ class NoiseModel:
         """
         self._sweeps, self._heard, self._iq = recorded.sweeps, recorded.heard, recorded.data.iq
         self._parts, self._shared = recorded.parts, shared
+        self._known: dict[tuple, np.ndarray] = {}  # coherences by what they depend on
 
     def predicted(
         self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray
@@ -73,7 +75,16 @@ class NoiseModel:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', RuntimeWarning)  # a band that a line fills is not compared
                 result[:, number] = 10.0 * np.log10(np.nanmedian(bands, axis=2))
-        return result, self._coherence(part, state, effects, powers)
+        decisive = (
+            int(part.groups[0]),
+            *oscillators,
+            *(e for e in effects if e.stage == Stage.FILTER),
+            *((s.sample_clock.tobytes(), s.noise_density.tobytes()) for s in state.stations),
+            np.rint(state.paths[0].delay / _DELAY_STEP).tobytes(),
+        )
+        if decisive not in self._known:
+            self._known[decisive] = self._coherence(part, state, effects, powers)
+        return result, self._known[decisive]
 
     def limit(self, noise: np.ndarray) -> np.ndarray:
         """Return to what the noise in bands, `noise` without effects, is trusted [dB]: less where a skirt rules.

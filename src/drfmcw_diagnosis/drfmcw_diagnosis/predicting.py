@@ -77,7 +77,7 @@ class Predictor:
                     np.ones(self._std.flutter.shape[1:]),
                     around + added / self._std.lines[g],
                     features.mean[row],
-                    features.harmonic[row],
+                    features.harmonic[row] if features.harmonic.size else self.plain.harmonic[g],
                     burst[row],
                     noise,
                     shared[row],

@@ -1,6 +1,7 @@
 """Sweeps that the simulator makes as the recorded ones are: free of noise, or with their jitter and among noise."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,9 @@ DISTORTED = 8
 """Sweeps simulated per group where an effect distorts the IF or the crane sways."""
 
 
+_UNSEEN = ('noise', 'reference')  # what effects act on that sweeps free of noise do not show
+
+
 class SimulatedSweeps:
     """Features of simulated sweeps under the conditions of a recording's groups, S stations with samples."""
 
@@ -25,15 +29,19 @@ class SimulatedSweeps:
         self._recorded = recorded
 
     def mean(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
-        """Return the features of one noise-free sweep pair per group.
+        """Return the features of one noise-free sweep pair per group; harmonics only where an effect makes some.
 
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
         as it does in a recording's sweeps of random phase.
         """
+        return self._noise_free(part, tuple(e for e in effects if e.acts_on not in _UNSEEN))
+
+    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
+    def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
         distorting = any(effect.distorts() for effect in effects)
         swaying = any(effect.name == 'sway' for effect in effects)
         copies = DISTORTED if distorting or swaying else 2
-        each, moved = self.copies(part, effects, copies, swaying)
+        each, moved = self.copies(part, effects, copies, swaying, harmonic=not effects)
         features = _mean(each, copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -44,7 +52,7 @@ class SimulatedSweeps:
         return features
 
     def copies(
-        self, part: Part, effects: Sequence[Effect], copies: int, swaying: bool = False
+        self, part: Part, effects: Sequence[Effect], copies: int, swaying: bool = False, harmonic: bool = False
     ) -> tuple[SweepFeatures, np.ndarray]:
         """Return features of sweeps whose phases lie evenly over half a turn, and the delay that `align` added (G,)."""
         count = len(part.groups)
@@ -53,9 +61,11 @@ class SimulatedSweeps:
         if swaying:  # a group's mean is that over its time, in which a crane may swing far
             rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
         moved = align(part, rows, copies, self._recorded.sweeps, acted(part, effects))
-        return self._features(part, rows, effects), moved
+        return self._features(part, rows, effects, harmonic=harmonic), moved
 
-    def jittered(self, part: Part, effects: Sequence[Effect], noise: bool, copies: int) -> SweepFeatures:
+    def jittered(
+        self, part: Part, effects: Sequence[Effect], noise: bool, copies: int, harmonic: bool = False
+    ) -> SweepFeatures:
         """Return features of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
 
         Harmonics multiply the jitter.
@@ -68,19 +78,25 @@ class SimulatedSweeps:
         for number, heard in enumerate(self._recorded.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
         align(part, rows, copies, self._recorded.sweeps, acted(part, effects))
-        return self._features(part, rows, effects, noise)
+        return self._features(part, rows, effects, noise, harmonic)
 
     def distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
         """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
-        return _mean(self.jittered(part, effects, noise, DISTORTED), DISTORTED)
+        return _mean(self.jittered(part, effects, noise, DISTORTED, not noise), DISTORTED)
 
     def _features(
-        self, part: Part, rows: Measurements, effects: Sequence[Effect], noise: bool = False
+        self,
+        part: Part,
+        rows: Measurements,
+        effects: Sequence[Effect],
+        noise: bool = False,
+        harmonic: bool = False,
     ) -> SweepFeatures:
-        """Return features of simulated sweeps."""
+        """Return features of simulated sweeps, only those that are wanted."""
         samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
-        return part.extract(heard, rows.stations[self._recorded.heard[0]].full_scale, rows.refractive_index)
+        full_scale = rows.stations[self._recorded.heard[0]].full_scale
+        return part.extract(heard, full_scale, rows.refractive_index, harmonic, noise)
 
     def _times(self, group: int, count: int) -> np.ndarray:
         """Return times spread over a group's sweeps, from their mean [s] (count,)."""
