@@ -13,13 +13,13 @@ from drfmcw_diagnosis.comparison import Comparison
 from drfmcw_diagnosis.dataset import read_dataset
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
+from drfmcw_diagnosis.fitting import Fitting
 from drfmcw_diagnosis.leftovers import leftovers
 from drfmcw_diagnosis.places import places
 from drfmcw_diagnosis.proof.draws import Extent, random_condition
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import nominal
 from drfmcw_diagnosis.proof.recordings import write_recording
-from drfmcw_diagnosis.search import Fitting
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effects import Effect
 

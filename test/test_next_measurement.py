@@ -15,6 +15,7 @@ from drfmcw_diagnosis import wording
 from drfmcw_diagnosis.bank import RECIPES, Candidate
 from drfmcw_diagnosis.comparison import Comparison
 from drfmcw_diagnosis.dataset import read_dataset
+from drfmcw_diagnosis.fitting import Fitted, FittedEffect, Fitting
 from drfmcw_diagnosis.further_sweeps import Baseline, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
 from drfmcw_diagnosis.instruments import (
     DrivePast,
@@ -35,7 +36,6 @@ from drfmcw_diagnosis.result import (
     FoundEffect,
     NextMeasurement,
 )
-from drfmcw_diagnosis.search import Fitted, FittedEffect, Fitting
 from drfmcw_sim.effects import Effect
 
 DATA = Path(__file__).parent / 'data' / 'recording_0'

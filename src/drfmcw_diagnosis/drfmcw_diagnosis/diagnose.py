@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -35,6 +36,7 @@ def parser() -> argparse.ArgumentParser:
         help=f'accepted chance of finding a mismatch where there is none ({FALSE_ALARM_RATE:g})',
     )  # fmt: skip
     result.add_argument('--without', default='', metavar='EFFECT[,EFFECT]', help='search without these effects')
+    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
     return result
 
 
@@ -48,6 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace, command: str) -> None:
     if not 0.0 < arguments.false_alarm_rate < 1.0:
         raise ConfigurationError(f'--false-alarm-rate = {arguments.false_alarm_rate:g} is not between 0 and 1')
+    if arguments.jobs < 1:
+        raise ConfigurationError(f'--jobs = {arguments.jobs} is not at least 1')
     without = tuple(filter(None, (name.strip() for name in arguments.without.split(','))))
     out = Path(arguments.out) if arguments.out else None
     if out is not None:
@@ -64,6 +68,7 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
             lambda text, share: bar.update(task, description=text, completed=share),
             command,
             without,
+            arguments.jobs,
         )
     page = arguments.html or (out and str(out / 'report.html'))
     finding = arguments.json or (out and str(out / 'finding.json'))

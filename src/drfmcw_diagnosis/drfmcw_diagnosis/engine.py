@@ -14,6 +14,7 @@ from drfmcw_sim.effects import Effect
 from .bank import RECIPES
 from .comparison import Comparison
 from .dataset import Dataset, read_dataset
+from .fitting import Fitted, FittedEffect, Fitting
 from .known import FEWEST
 from .leftovers import leftovers
 from .next_measurement import ranked
@@ -31,7 +32,7 @@ from .result import (
     Separability,
     Series,
 )
-from .search import Fitted, FittedEffect, Fitting, Search, rivals, searched
+from .search import Search, rivals, searched
 from .wording import sentences
 
 FALSE_ALARM_RATE = 0.01
@@ -69,6 +70,7 @@ def diagnose(
     progress: Callable[[str, float], None] | None = None,
     command: str = '',
     without: Collection[str] = (),
+    jobs: int = 1,
 ) -> Diagnosis:
     """Return what a recording holds beyond its nominal model.
 
@@ -80,6 +82,7 @@ def diagnose(
         progress: called with what is being done and its share done.
         command: that was given, for the report.
         without: effects that are not searched for.
+        jobs: processes that work at once, forked from this one.
 
     Raises:
         BagError: the recording cannot be read.
@@ -87,7 +90,7 @@ def diagnose(
     """
     if progress is not None:
         progress('reading', 0.0)
-    return diagnose_dataset(read_dataset(path, pair), false_alarm_rate, out, progress, command, without)
+    return diagnose_dataset(read_dataset(path, pair), false_alarm_rate, out, progress, command, without, jobs)
 
 
 def diagnose_dataset(
@@ -97,6 +100,7 @@ def diagnose_dataset(
     progress: Callable[[str, float], None] | None = None,
     command: str = '',
     without: Collection[str] = (),
+    jobs: int = 1,
 ) -> Diagnosis:
     """Return what sweeps hold beyond their nominal model; arguments and errors as `diagnose`."""
     for effect in without:
@@ -104,7 +108,7 @@ def diagnose_dataset(
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
     comparison = Comparison(data)
-    search = Search(comparison, progress, without)
+    search = Search(comparison, progress, without, jobs)
     result = searched(search, false_alarm_rate)
     found, significance = result.explanation, result.significance
     left = leftovers(search, found)

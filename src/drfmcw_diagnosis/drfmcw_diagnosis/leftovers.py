@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from scipy import stats
 
-from .search import Fitted, Fitting
+from .fitting import Fitted, Fitting
 
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _WIDTHS = (1.0, 2.5, 6.0)  # blocks, of events within the sweep

@@ -16,6 +16,7 @@ import numpy as np
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
+from .fitting import Fitted, Fitting
 from .further_sweeps import Baseline, Between, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
 from .instruments import (
     DrivePast,
@@ -27,7 +28,6 @@ from .instruments import (
     TerminatedAntenna,
 )
 from .result import NextMeasurement
-from .search import Fitted, Fitting
 
 _PLACES = 5  # distances of further sweeps, at most
 _PREDICTED = 60  # predictions of each measurement that the time allows

@@ -218,7 +218,7 @@ class _Tries:
 
     def _diagnose(self, recording: Path, out: Path, without: Sequence[str]) -> tuple[dict[str, Any] | None, str]:
         """Return (finding, '') or (None, what went wrong)."""
-        command = [sys.executable, '-m', 'drfmcw_diagnosis.diagnose', str(recording), '--json', str(out)]
+        command = [sys.executable, '-m', 'drfmcw_diagnosis.diagnose', str(recording), '--json', str(out), '--jobs', '1']
         if without:
             command += ['--without', ','.join(without)]
         # a session of its own: Ctrl-C is for this process, which ends the others

@@ -2,22 +2,20 @@
 
 import collections
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from scipy import stats
-from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
 from .bank import RECIPES, Candidate, at_stations, candidates
 from .comparison import Comparison
-from .features import gaussian
+from .fitting import Fitted, FittedEffect, Fitting, Freedom
 from .places import CELLS, places
+from .workers import Workers
 
 MOST_EFFECTS = 4
 """Effects in one explanation."""
@@ -29,24 +27,15 @@ _REFINED = 5  # of them that are refined, by what they bring where the refinemen
 _STARTS = 6  # places of each kind at which a refinement begins
 _LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
-_STEPS = 12  # of Levenberg and Marquardt's method
 _OFF = 0.01  # by which a model may be off throughout, relative to what it adds
-_LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _FAINT = 0.1  # length of a template below which it may be rounding only
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
-_CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
-_HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
-_HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
-_COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
-_FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
-_FLUTTER_WIDTH = 5  # terms over which it may be displaced
-_BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
-_BURSTS_REST = 1.0  # standard deviations of the noise that bursts may leave
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
 _FEW = 6  # kinds of rivals that are refined
+_PLACES = 2  # of each
 _PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
 _FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
 _BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
@@ -57,243 +46,6 @@ _PARALLEL = 0.02  # of a template's power that counts, however much of it an exp
 _BEYOND_LEVEL = 16.0  # gain that a second path must bring elsewhere than in the received power, which may wander
 
 
-@dataclasses.dataclass(frozen=True)
-class FittedEffect:
-    """One effect with fitted parameters."""
-
-    candidate: Candidate
-    values: dict[str, float]
-    stds: dict[str, float]
-    told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    """Value and standard deviation of a parameter that the best fit alone would tell wrongly, see `Search.settled`."""
-
-    @property
-    def certain(self) -> bool:
-        """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
-        recipe = self.candidate.recipe
-        needed = recipe.defining
-        if recipe.size and not (recipe.decibel or recipe.per_group):
-            needed = (recipe.size, *needed)
-        return all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in needed)
-
-    def build(self) -> Effect:
-        """Return the effect."""
-        return self.candidate.build(self.values)
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """What it is, apart from its size."""
-        return self.candidate.effect, self.candidate.station
-
-
-@dataclasses.dataclass(frozen=True)
-class Fitted:
-    """Effects fitted together."""
-
-    effects: tuple[FittedEffect, ...]
-    misfit: float  # sum of squared whitened residuals
-    template: np.ndarray  # what they add, whitened
-    evidence: float  # log evidence over no effect at all
-
-    def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
-        """Return the same with what `Search.settled` says of the first effects."""
-        pairs = itertools.zip_longest(self.effects, told, fillvalue={})
-        return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
-
-    @property
-    def certain(self) -> bool:
-        """False where one of the effects may as well be absent or another one."""
-        return all(e.certain for e in self.effects)
-
-    @property
-    def keys(self) -> tuple[tuple[str, str], ...]:
-        """What the effects are, apart from their sizes, in order."""
-        return tuple(sorted(e.key for e in self.effects))
-
-
-def _as_it_is(values: np.ndarray) -> np.ndarray:
-    return values
-
-
-class Freedom:
-    """What the parameters of an explanation can follow to first order."""
-
-    def __init__(self, slopes: np.ndarray) -> None:
-        """Take the whitened derivatives of a template by its parameters (P, n)."""
-        self._slopes = slopes
-        self._inverse = np.linalg.pinv(slopes @ slopes.T)
-
-    def left(self, values: np.ndarray) -> np.ndarray:
-        """Return what they cannot follow of whitened values (..., n)."""
-        return values - (values @ self._slopes.T) @ self._inverse @ self._slopes
-
-    def followed(self, values: np.ndarray) -> np.ndarray:
-        """Return the squared length of what they follow of whitened values (..., n)."""
-        along = values @ self._slopes.T
-        return np.einsum('...p,pq,...q->...', along, self._inverse, along)
-
-
-class Fitting:
-    """Fits the parameters of effects to one comparison."""
-
-    def __init__(self, comparison: Comparison) -> None:
-        """Start with forward models that are trusted without limit."""
-        self.comparison = comparison
-        self._weight = np.ones(len(comparison.residual))
-
-    def _template(self, effects: Sequence[Effect]) -> np.ndarray:
-        return self.comparison.template(effects)
-
-    def fit(
-        self,
-        start: Sequence[tuple[Candidate, dict[str, float]]],
-        steps: int = _STEPS,
-        beside: np.ndarray | float = 0.0,
-        freedom: 'Freedom | None' = None,
-    ) -> Fitted:
-        """Fit the parameters of effects together.
-
-        Args:
-            start: effects with the values at which the fit begins.
-            steps: at most, of Levenberg and Marquardt's method.
-            beside: template of other effects that stay as they are; the result's template contains it.
-            freedom: of these others, which may follow to first order; the result's misfit is then that without it.
-        """
-        left = freedom.left if freedom is not None else _as_it_is
-        chosen = [c for c, _ in start]
-        names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
-        point = np.array([start[i][1][name] for i, name in names], float)
-        limits = [self.bounds(chosen[i].effect, name) for i, name in names]
-        prior = np.array([chosen[i].prior(name) for i, name in names])
-        y = self.comparison.residual
-
-        def effects_at(p: np.ndarray) -> list[Effect]:
-            values = [dict(v) for _, v in start]
-            for (i, name), value, (low, high) in zip(names, p, limits, strict=True):
-                values[i][name] = float(min(max(value, low), high))
-            return [c.build(v) for c, v in zip(chosen, values, strict=True)]
-
-        template = beside + self._template(effects_at(point))
-        weight = self._weight_of(chosen, template)
-
-        def misfit_of(other: np.ndarray) -> float:
-            return float(np.sum(left((y - other) * weight) ** 2))
-
-        misfit = misfit_of(template)
-        damping = 1e-3
-        normal = np.eye(len(point))
-        for _ in range(steps):
-            slope = np.empty((len(point), len(y)))
-            for k, (i, name) in enumerate(names):
-                step = chosen[i].recipe.step(name, point[k])
-                moved = point.copy()
-                moved[k] += step
-                if moved[k] > limits[k][1]:
-                    moved[k] = point[k] - step
-                change = beside + self._template(effects_at(moved)) - template
-                slope[k] = left(change / (moved[k] - point[k]) * weight)
-            normal = slope @ slope.T
-            gradient = slope @ ((y - template) * weight)
-            improved = False
-            for _ in range(6):
-                matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
-                trial = point + np.linalg.lstsq(matrix, gradient, rcond=None)[0]
-                trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
-                other = beside + self._template(effects_at(trial))
-                value = misfit_of(other)
-                if value < misfit:
-                    improved = True
-                    break
-                damping = max(damping, 1e-6) * 10.0
-            if not improved:
-                break
-            gain, misfit, point, template = misfit - value, value, trial, other
-            damping *= 0.2
-            if gain < max(0.01, 1e-6 * misfit):
-                break
-        covariance = np.linalg.pinv(normal + np.diag(1e-12 / prior**2))
-        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        fitted = []
-        for number, candidate in enumerate(chosen):
-            mine = [k for k, (i, _) in enumerate(names) if i == number]
-            values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
-            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}))
-        occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
-        if freedom is None:
-            misfit = self.misfit(template)
-        evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
-        return Fitted(tuple(fitted), misfit, template, evidence)
-
-    def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
-        """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
-        if not any(Effect.registry[c.effect].bursts() for c in chosen):
-            return self._weight
-        doubt = np.where(self.comparison.entries.where(kind=('burst', 'noise')), _BURSTS_TRUST * np.abs(template), 0.0)
-        return self._weight / np.sqrt(1.0 + doubt**2)
-
-    def bounds(self, effect: str, name: str) -> tuple[float, float]:
-        """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
-        base = name.partition('[')[0]
-        _, declared = declared_parameters(Effect.registry[effect])[base]
-        low, high = declared.bounds or (-math.inf, math.inf)
-        if base == 'time_constant':  # what takes much longer than the recording is an offset or a steady drift
-            high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
-        return low, high
-
-    def misfit(self, template: np.ndarray | float) -> float:
-        """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
-        return float(np.sum(((self.comparison.residual - template) * self._weight) ** 2))
-
-    def trust(self, fitted: 'Fitted | None') -> None:
-        """Trust the forward models to a fraction of what they add: differences below it count as noise."""
-        self._weight = 1.0 / np.sqrt(1.0 + self.doubt(fitted) ** 2)
-
-    def doubt(self, fitted: 'Fitted | None') -> np.ndarray:
-        """Return how far each whitened number may be off because the forward models are not exact."""
-        entries = self.comparison.entries
-        if fitted is None:
-            return np.zeros(len(entries.kind))
-        lines, size = entries.where(kind='lines'), np.abs(fitted.template)
-        trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
-        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
-        flutter = entries.where(kind='flutter')
-        size[flutter], trust[flutter] = self._changing(fitted), _FLUTTER_TRUST
-        if any(e.distorts() for e in registered):
-            # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
-            bins = self.comparison.measured.lines.shape[-1]
-            size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
-            trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
-            trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
-        if any(e.bursts() for e in registered):
-            trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
-            # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
-            return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
-        return trust * size
-
-    def _changing(self, fitted: Fitted) -> np.ndarray:
-        """Return how far flutter may be off, as an explanation makes the ramp change with the phase of each sweep."""
-        c = self.comparison
-        if any(e.distorts() or e.bursts() for e in (Effect.registry[f.candidate.effect] for f in fitted.effects)):
-            return np.full(c.measured.flutter.size, np.inf)
-        count = np.maximum((np.array([len(m) for m in c.members])[:, None, None] - 1) / 2, 0.5)
-        ratio = 1.0 + maximum_filter1d(c.changing([e.build() for e in fitted.effects]), _FLUTTER_WIDTH, axis=-1)
-        return (gaussian(ratio, count) - gaussian(np.ones(1), count)).ravel()
-
-    def slopes(self, fitted: Fitted) -> np.ndarray:
-        """Return by how much each parameter of an explanation changes its template (parameters, n)."""
-        effects = list(fitted.effects)
-        found = []
-        for number, effect in enumerate(effects):
-            for name in effect.candidate.free:
-                step = effect.candidate.recipe.step(name, effect.values[name])
-                if effect.values[name] + step > self.bounds(effect.candidate.effect, name)[1]:
-                    step = -step
-                moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
-                others = [moved if i == number else e for i, e in enumerate(effects)]
-                found.append((self._template([e.build() for e in others]) - fitted.template) / step)
-        return np.array(found)
-
-
 class Search(Fitting):
     """Searches the bank with one comparison; keeps the templates of the bank."""
 
@@ -302,6 +54,7 @@ class Search(Fitting):
         comparison: Comparison,
         progress: Callable[[str, float], None] | None = None,
         without: Collection[str] = (),
+        jobs: int = 1,
     ) -> None:
         """Compute the templates of the bank.
 
@@ -309,8 +62,10 @@ class Search(Fitting):
             comparison: recording and model.
             progress: called with what is done and the share done.
             without: effects that are not searched for.
+            jobs: processes that fit at once.
         """
         super().__init__(comparison)
+        self._workers = Workers(jobs)
         self._kept: dict[tuple, np.ndarray] = {}
         self._without = without
         self.report = progress or (lambda text, share: None)
@@ -318,18 +73,17 @@ class Search(Fitting):
         calibration = data.calibration[0]
         calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
         bank = list(candidates(data.stations, calibrated, [int(data.group[m[0]]) for m in comparison.members], without))
-        self.bank: list[Candidate] = []
-        templates = []
-        for number, candidate in enumerate(bank):
-            template = self._template([candidate.build()])
-            if self._shows(candidate, template):
-                self.bank.append(candidate)
-                templates.append(template.astype(np.float32))
-            if number % 20 == 0:
-                self.report('templates of the registry', number / len(bank))
-        self.templates = np.array(templates)
+        self.report('templates of the registry', 0.0)
+        templates = self._workers.map(self._shown, bank)
+        self.bank = [candidate for candidate, template in zip(bank, templates, strict=True) if template is not None]
+        self.templates = np.array([template for template in templates if template is not None])
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
         self._places = collections.Counter(c.key for c in self.bank)
+
+    def _shown(self, candidate: Candidate) -> np.ndarray | None:
+        """Return the template of a candidate, None of what the recording cannot show."""
+        template = self._template([candidate.build()])
+        return template.astype(np.float32) if self._shows(candidate, template) else None
 
     def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
         """Return whether the recording can show an effect: what does not grow with the size is rounding."""
@@ -557,20 +311,23 @@ class Search(Fitting):
                 begun.append((gain, candidate, values))
         kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[:_TRIED]
         base = [(e.candidate, e.values) for e in current.effects] if current else []
-        starts = []
-        for starts_of in kinds:
+
+        def begun_at(places_of: list) -> Fitted:
             # a distortion takes long; one linear place is as good as its promise
-            linear = len(starts_of) == 1 and starts_of[0][1].recipe.size
-            effect = Effect.registry[starts_of[0][1].effect]
+            linear = len(places_of) == 1 and places_of[0][1].recipe.size
+            effect = Effect.registry[places_of[0][1].effect]
             steps = 0 if linear or effect.distorts() or effect.bursts() else _FIRST_STEPS
-            at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in starts_of]
-            starts.append(min(at, key=lambda f: f.misfit))
-        results = []
+            at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in places_of]
+            return min(at, key=lambda f: f.misfit)
+
+        def refined(start: Fitted) -> Fitted:
+            return self.fit([*base, *((e.candidate, e.values) for e in start.effects)])
+
+        self.report('effects that promise something', 0.3)
         enough = self.misfit(beside) - _LEAST
-        starts = [f for f in starts if f.misfit < enough]
-        for number, start in enumerate(sorted(starts, key=lambda f: f.misfit)[:_REFINED]):
-            self.report('refinement', number / _REFINED)
-            results.append(self.fit([*base, *((e.candidate, e.values) for e in start.effects)]))
+        starts = [start for start in self._workers.map(begun_at, kinds) if start.misfit < enough]
+        self.report('refinement', 0.6)
+        results = self._workers.map(refined, sorted(starts, key=lambda f: f.misfit)[:_REFINED])
         return sorted(results, key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
@@ -593,27 +350,37 @@ class Search(Fitting):
             kept = [e for i, e in enumerate(fitted.effects) if i != left_out]
             base = [(e.candidate, e.values) for e in kept]
             template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
-            residual = self.comparison.residual - template
+            rest = dataclasses.replace(fitted, effects=tuple(kept), template=template)
             goal = self.misfit(template) - fitted.misfit
-            tried: dict[tuple, int] = {}
-            freedom = self.freedom(dataclasses.replace(fitted, effects=tuple(kept), template=template))
-            for gain, candidate, values in self._promising(residual, {e.key for e in kept}, freedom):
-                if gain < _PROMISED * goal or len(tried) >= _FEW:
-                    break
-                if tried.get(candidate.key, 0) >= 2:
+
+            def refined(place: tuple, base: list = base, goal: float = goal) -> Fitted | None:
+                begun = self.fit([*base, place], _FIRST_STEPS)
+                if begun.misfit - fitted.misfit > max(_FAR * _RIVAL, _BEHIND * goal):
+                    return None
+                return self.fit([(e.candidate, e.values) for e in begun.effects])
+
+            for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
+                if other is None or not self.credible(other, template):
                     continue
-                tried[candidate.key] = tried.get(candidate.key, 0) + 1
-                other = self.fit([*base, (candidate, values)], _FIRST_STEPS)
-                if other.misfit - fitted.misfit > max(_FAR * _RIVAL, _BEHIND * goal):
-                    continue
-                other = self.fit([(e.candidate, e.values) for e in other.effects])
-                same = other.keys == fitted.keys and other.misfit > fitted.misfit - _RIVAL
-                if same or not self.credible(other, template):
-                    continue
+                if other.keys == fitted.keys and other.misfit > fitted.misfit - _RIVAL:
+                    continue  # the same
                 known = found.get(other.keys)
                 if known is None or other.misfit < known.misfit:
                     found[other.keys] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
+
+    def _substitutes(self, rest: Fitted, least: float) -> list[tuple[Candidate, dict]]:
+        """Return the places of few kinds of effects that promise at least so much beside the rest."""
+        residual = self.comparison.residual - rest.template
+        found: list[tuple[Candidate, dict]] = []
+        tried: dict[tuple, int] = {}
+        for gain, candidate, values in self._promising(residual, {e.key for e in rest.effects}, self.freedom(rest)):
+            if gain < least or len(tried) >= _FEW:
+                break
+            if tried.get(candidate.key, 0) < _PLACES:
+                tried[candidate.key] = tried.get(candidate.key, 0) + 1
+                found.append((candidate, values))
+        return found
 
 
 def rivals(fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
