@@ -41,6 +41,7 @@ FALSE_ALARM_RATE = 0.01
 _FITTED_SHARE = 2.0 / 3.0  # of the sweeps of each group, the first ones
 _SIZE_TRUST = 0.002  # of an effect's size, to which the forward models tell it
 _DECIBEL_TRUST = 0.02  # the same of one in decibels
+_TOLD = 3.0  # times its noise, to which a number must be predicted for a misfit
 _CENTRAL = 0.9  # of an excess, which a location's span holds
 _SHOWN = 0.01  # share of the excess below which a location is not named
 
@@ -169,7 +170,7 @@ def check(data: Dataset) -> tuple[float, float]:
         ConfigurationError: the data lack what is needed.
     """
     comparison = Comparison(data)
-    return leftovers(Fitting(comparison), None)[0].probability, _per_freedom(comparison, 0.0)
+    return leftovers(Fitting(comparison), None)[0].probability, _per_freedom(comparison, None)
 
 
 def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -184,9 +185,20 @@ def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(fitted), np.concatenate(held) if held else np.array([], int)
 
 
-def _per_freedom(comparison: Comparison, template: np.ndarray | float) -> float:
+def _per_freedom(comparison: Comparison, chosen: Fitted | None) -> float:
+    """Return the squared whitened residual per number beside an explanation, where it tells what to expect.
+
+    What the forward models may be off by counts as noise, see `Fitting.doubt`; numbers of which they tell next to
+    nothing are left out.
+    """
     used = comparison.residual != 0.0
-    return float(np.mean((comparison.residual - template)[used] ** 2))
+    if chosen is None:
+        return float(np.mean(comparison.residual[used] ** 2))
+    effects = [e.build() for e in chosen.effects]
+    beside = dataclasses.replace(chosen, template=comparison.template(effects))
+    doubt = Fitting(comparison).doubt(beside)
+    told = used & (doubt < _TOLD)
+    return float(np.mean((comparison.residual - beside.template)[told] ** 2 / (1.0 + doubt[told] ** 2)))
 
 
 def _fit(
@@ -194,15 +206,12 @@ def _fit(
 ) -> Fit:
     """Return misfits before and after, on the sweeps fitted and on those held out, and the range errors."""
     part = Comparison(data, fitted_rows)
-    effects = [e.build() for e in chosen.effects] if chosen else []
-    if chosen:
-        again = Fitting(part).fit([(e.candidate, e.values) for e in chosen.effects], 4)
-        effects = [e.build() for e in again.effects]
-    inside = BeforeAfter(_per_freedom(part, 0.0), _per_freedom(part, part.template(effects) if effects else 0.0))
+    again = Fitting(part).fit([(e.candidate, e.values) for e in chosen.effects], 4) if chosen else None
+    inside = BeforeAfter(_per_freedom(part, None), _per_freedom(part, again))
     outside = BeforeAfter(math.nan, math.nan)
     if len(held_rows):
         rest = Comparison(data, held_rows)
-        outside = BeforeAfter(_per_freedom(rest, 0.0), _per_freedom(rest, rest.template(effects) if effects else 0.0))
+        outside = BeforeAfter(_per_freedom(rest, None), _per_freedom(rest, again))
     if not np.isfinite(data.reference).any():
         return Fit(inside, outside)
     errors = [s.range - data.distance[m] for s, m in zip(comparison.sweeps, comparison.members, strict=True)]

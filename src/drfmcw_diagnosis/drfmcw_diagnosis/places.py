@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from .comparison import Comparison
-from .features import BURST, LINE, SPAN
+from .features import BURST, HARMONICS, LINE, SPAN
 
 _FINE = 8  # transform bins per resolution cell
 _PEAKS = 3  # places of each effect
@@ -34,6 +34,7 @@ _LONGEST = 500.0  # echo [m]
 _LEVEL_STEP = 2.0  # between limits that are tried [dB]
 _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
 _COMPRESSIONS = (-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0)
+_GROWTH = (2, 8)  # powers of the line with which harmonics over it grow: of a compression, about that of a limiter
 _SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
 
 CELLS = {
@@ -233,6 +234,7 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
         used = np.count_nonzero(z)
         share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
         chances.append(stats.chi2.sf(z @ z / share, used / share) if used else 1.0)
+    chances += _third_harmonic(c, residual, station)
     if len(chances) * min(chances) > _SUSPICION:
         return ()
     if effect == 'compression':
@@ -240,6 +242,19 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
     full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
     strongest = float(c.measured.amplitude[:, station].max()) - full_scale
     return tuple(np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+
+
+def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
+    """Return the chances of third harmonics at the line's own phase that grow with the line as a distortion's do."""
+    groups = len(c.members)
+    z = residual[c.entries.where(kind='harmonic', station=station)].reshape(groups, -1)[:, HARMONICS.index(3)]
+    line = 10.0 ** ((c.measured.amplitude[:, station] - c.measured.amplitude[:, station].max()) / 20.0)
+    chances = []
+    for power in _GROWTH:
+        expected = np.where(z != 0.0, line**power / c.std.harmonic[:, station, HARMONICS.index(3)], 0.0)
+        if expected.any():
+            chances.append(float(2.0 * stats.norm.sf(abs(expected @ z) / np.linalg.norm(expected))))
+    return chances
 
 
 def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str, float]]:

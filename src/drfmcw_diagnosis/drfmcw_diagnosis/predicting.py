@@ -35,7 +35,7 @@ class Predictor:
         self.noise = NoiseModel(recorded, np.isfinite(std.coherence).any(axis=1))
         self._plain_power: dict[int, np.ndarray] = {}
         # what noise makes without any effect, by the first group of a part
-        self._undistorted: dict[int, np.ndarray] = {}
+        self._undistorted: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.plain = self.predict(())
 
@@ -54,7 +54,11 @@ class Predictor:
             quiet, shared = self.noise.predicted(part, state, effects, features.line)
             velocity = self._velocity(part.steady, effects)
             distorting = any(e.distorts() for e in effects)
-            changed = self._changed_noise(part, effects) if distorting else np.zeros_like(quiet)
+            if distorting:
+                changed, harmonic = self._distortion(part, effects)
+                harmonic = self.plain.harmonic[part.groups] + harmonic
+            else:
+                harmonic = self.plain.harmonic[part.groups] if effects else features.harmonic
             burst = np.zeros((len(part.groups), len(self._recorded.heard), 3))
             if any(e.bursts() for e in effects):
                 burst, louder = self._bursts(part, effects)
@@ -77,7 +81,7 @@ class Predictor:
                     np.ones(self._std.flutter.shape[1:]),
                     around + added / self._std.lines[g],
                     features.mean[row],
-                    features.harmonic[row] if features.harmonic.size else self.plain.harmonic[g],
+                    harmonic[row],
                     burst[row],
                     noise,
                     shared[row],
@@ -100,23 +104,25 @@ class Predictor:
             result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
         return result / self._std.flutter
 
-    def _changed_noise(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
-        """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB]: a limiter holds noise down."""
+    def _distortion(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB] and harmonics (G, S, 2 H).
+
+        A limiter holds noise down, and noise carries a line across the limit that it does not reach by itself: sweeps
+        are simulated with noise, and with the same noise without the distortion.
+        """
         first = int(part.groups[0])
         if first not in self._undistorted:
-            self._undistorted[first] = self._noisy_bands(part, ())
-        return np.nan_to_num(self._noisy_bands(part, effects) - self._undistorted[first])
+            self._undistorted[first] = self._noisy(part, ())
+        pairs = zip(self._noisy(part, effects), self._undistorted[first], strict=True)
+        noise, harmonic = (after - before for after, before in pairs)
+        return np.nan_to_num(noise), harmonic
 
-    def _noisy_bands(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
-        """Return the noise in bands of noisy sweeps (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
+    def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the noise in bands [dB of 1 LSB^2 per sample] and the harmonics of noisy sweeps."""
         features = self._simulated.distorted(part, effects, True)
         counts = np.full(len(self._recorded.heard), DISTORTED)
-        return np.array(
-            [
-                self._recorded.bands.measured(p, line, counts)[0]
-                for p, line in zip(features.power, features.line, strict=True)
-            ]
-        )
+        pairs = zip(features.power, features.line, strict=True)
+        return np.array([self._recorded.bands.measured(*pair, counts)[0] for pair in pairs]), features.harmonic
 
     def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
         """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].

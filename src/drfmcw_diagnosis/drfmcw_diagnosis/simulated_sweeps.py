@@ -48,7 +48,7 @@ class SimulatedSweeps:
             features = dataclasses.replace(features, range=features.range - way)
         if distorting:
             jittered = self.distorted(part, effects, False)
-            features = dataclasses.replace(features, power=jittered.power, harmonic=jittered.harmonic)
+            features = dataclasses.replace(features, power=jittered.power)
         return features
 
     def copies(
@@ -82,7 +82,7 @@ class SimulatedSweeps:
 
     def distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
         """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
-        return _mean(self.jittered(part, effects, noise, DISTORTED, not noise), DISTORTED)
+        return _mean(self.jittered(part, effects, noise, DISTORTED, noise), DISTORTED)
 
     def _features(
         self,
