@@ -34,6 +34,7 @@ class Recipe:
     fringes: bool = False  # it raises and lowers the received power with the distance
     per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
     stations: str = 'each'  # 'each', 'each and both'; ignored where the effect has no station
+    trust: Mapping[str, float] = dataclasses.field(default_factory=dict)  # to which the model tells it: dB, or a share
     steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
 
     def at(self, wavelength: float) -> 'Recipe':
@@ -95,7 +96,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'phase_noise': (
         Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-2.0, 2.0), 'corner': (0.5, 1.0, 2.0)},
-               stations='each and both', steps={'level': 0.1, 'corner': 2e3}),
+               stations='each and both', steps={'level': 0.1, 'corner': 2e3}, trust={'level': 0.15, 'corner': 0.03}),
     ),
     'noise_floor': (
         Recipe('', {}, {'excess': 10.0}, {'excess': (-1.0, 1.0, 6.0)}, stations='each and both',
@@ -123,7 +124,8 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     'if_filter': (Recipe('', {}, {'pole': 2e6}, {'pole': _steps(3e5, 2e7, 8)}),),
     'interference_burst': (
         Recipe('', {'level': -50.0, 'duration': 5e-5}, {'probability': 0.5, 'level': 20.0, 'duration': 1e-4},
-               scanned='probability', steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5}),
+               scanned='probability', steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5},
+               trust={'probability': 0.15, 'level': 1.0, 'duration': 0.25}),
     ),
     'reference_lag': (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),),
     'reference_offset': (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),),

@@ -253,9 +253,12 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     for name in effect.candidate.free:
         value, std = effect.told.get(name, (effect.values[name], effect.stds[name]))
         unit = declared[name.partition('[')[0]][1].unit
-        trust = 0.0
-        if name.partition('[')[0] == effect.candidate.recipe.size or not effect.candidate.recipe.size:
-            trust = _DECIBEL_TRUST if unit.startswith('dB') else _SIZE_TRUST * abs(value)
+        base, recipe = name.partition('[')[0], effect.candidate.recipe
+        decibel = unit.startswith('dB')
+        trust = recipe.trust.get(base, 0.0)
+        if base == recipe.size or not recipe.size:
+            trust = max(trust, _DECIBEL_TRUST if decibel else _SIZE_TRUST)
+        trust *= 1.0 if decibel else abs(value)
         parameters[name] = Estimate(value, math.hypot(std, trust), unit)
     return FoundEffect(
         effect=effect.candidate.effect,

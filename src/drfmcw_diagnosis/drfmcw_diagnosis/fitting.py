@@ -15,6 +15,7 @@ from .bank import Candidate
 from .comparison import Comparison
 from .features import gaussian
 
+_FLAT = 1e-30  # curvature of a misfit that a parameter does not change
 _STEPS = 12  # of Levenberg and Marquardt's method
 _LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
 _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
@@ -37,14 +38,17 @@ class FittedEffect:
     told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     """Value and standard deviation of a parameter that the best fit alone would tell wrongly, see `Search.settled`."""
 
+    size_std: float = 0.0
+    """Standard deviation of the size with all else as it is: a shape may be told badly, and the size with it."""
+
     @property
     def certain(self) -> bool:
         """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
         recipe = self.candidate.recipe
-        needed = recipe.defining
-        if recipe.size and not (recipe.decibel or recipe.per_group):
-            needed = (recipe.size, *needed)
-        return all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in needed)
+        told = all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in recipe.defining)
+        if not recipe.size or recipe.decibel or recipe.per_group:
+            return told
+        return told and abs(self.values[recipe.size]) > _CERTAIN * self.size_std
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -184,7 +188,9 @@ class Fitting:
         for number, candidate in enumerate(chosen):
             mine = [k for k, (i, _) in enumerate(names) if i == number]
             values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
-            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}))
+            curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
+            size_std = 1.0 / math.sqrt(max(*curvature, _FLAT)) if curvature else 0.0
+            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}, {}, size_std))
         occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
         if freedom is None:
             misfit = self.misfit(template)
