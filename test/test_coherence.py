@@ -14,11 +14,11 @@ LINES = st.tuples(st.floats(60e3, 960e3), st.floats(60e3, 960e3))
 DELAYS = st.floats(2e-8, 6e-7)  # of less than a third of a turn at the largest offset
 
 
-def coherent(used, levels, delay, floor=0.0, early=0.0):
+def coherent(used, levels, delay, floor=0.0):
     """Coherence with both corners at 100 kHz."""
     oscillators = np.array([PhaseNoise(level, 100e3).single_sideband(used.offset) for level in levels])
     shape = (2, 2, len(used.offset))
-    return coherence.predicted(used, oscillators, np.full(shape, floor), np.ones(shape), delay, early)
+    return coherence.predicted(used, oscillators, np.full(shape, floor), np.ones(shape), delay)
 
 
 @given(LINES, DELAYS, st.floats(-100.0, -80.0), st.floats(-12.0, 12.0))

@@ -18,8 +18,10 @@ from drfmcw_physics.sweep import SweepSettings
 OFFSETS = 8
 """Bands of offsets from the line in which both stations' phases are compared."""
 
+FARTHEST = 0.25
+"""Largest offset, of the sample rate."""
+
 _NEAREST = 16  # bins from the line that its own changes within the sweep leave free
-_FARTHEST = 0.25  # of the sample rate
 _CLEAR = 16  # bins of both sidebands from 0 Hz and from the Nyquist frequency
 
 
@@ -42,7 +44,7 @@ class Sidebands:
 def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
     """Return which sidebands are compared where lines stand at `line` (2,) [Hz]."""
     width = sweep.sample_rate / sweep.sample_count
-    offset = np.arange(_NEAREST, int(_FARTHEST * sweep.sample_count)) * width
+    offset = np.arange(_NEAREST, int(FARTHEST * sweep.sample_count)) * width
     upper = line[:, None] + offset < sweep.sample_rate / 2 - _CLEAR * width
     lower = line[:, None] - offset > _CLEAR * width
     edges = np.linspace(0, len(offset), OFFSETS + 1).astype(int)
@@ -99,7 +101,6 @@ def predicted(
     floors: np.ndarray,
     responses: np.ndarray,
     delay: float,
-    early: float,
 ) -> np.ndarray:
     """Return the imaginary coherence of a group (OFFSETS,), 0 in bands that are not present.
 
@@ -109,7 +110,6 @@ def predicted(
         floors: density of additive noise over the line's power (2, upper and lower, F) [1/Hz].
         responses: by which each receiver passes a sideband, over the line (2, upper and lower, F), complex.
         delay: of the path [s].
-        early: by which the second station's sweeps start earlier than was assumed [s].
     """
     there = np.stack([used.upper, used.lower], axis=1)
     # the lower sideband is the conjugate of the phase's spectrum
@@ -119,7 +119,7 @@ def predicted(
     power = (s_1 + s_2) * np.abs(response) ** 2 + np.sum(np.where(there, floors, 0.0), axis=1)
     turn = np.exp(2j * np.pi * delay * used.offset)
     cross = -(s_1 * turn + s_2 / turn) * response[0] * response[1].conj()
-    cross = cross * np.exp(2j * np.pi * early * used.offset) / np.sqrt(np.maximum(power[0] * power[1], 1e-60))
+    cross = cross / np.sqrt(np.maximum(power[0] * power[1], 1e-60))
     total, difference = (used.summed(1.0 + s * cross.real) for s in (1.0, -1.0))
     power = np.where(used.present, total * difference, np.inf)
     return used.summed(-cross.imag) / np.sqrt(np.maximum(power, 1e-30))

@@ -11,11 +11,10 @@ from .dataset import Dataset
 from .features import gaussian
 from .groups import Entries, Groups
 from .known import Known
-from .measuring import measured
+from .measuring import STEADY, measured
 from .predicting import Predictor
 from .recorded_sweeps import RecordedSweeps
 
-_STEADY = 8  # terms that slow changes of the conditions may move from sweep to sweep
 _FLUTTER_SPREAD = 1.025  # by which the median of so few widens the spread of what is compared with it
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
 _OF_PATH = ('coherence', 'beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
@@ -79,7 +78,7 @@ class Comparison:
         yield 'ramp', over('ramp')
         freedom = max((count - 1) / 2, 0.5)
         fluttering = (gaussian(values.flutter[g], freedom) - gaussian(np.ones(1), freedom)) / _FLUTTER_SPREAD
-        compared = (np.arange(fluttering.shape[1]) >= _STEADY) & self._recorded.scatters & self.standing[g]
+        compared = (np.arange(fluttering.shape[1]) >= STEADY) & self._recorded.scatters & self.standing[g]
         yield 'flutter', np.where(compared, fluttering, 0.0)
         quiet = self._quiet[g][:, None]
         lines = gaussian(values.lines[g], quiet) - gaussian(np.ones(1), quiet)

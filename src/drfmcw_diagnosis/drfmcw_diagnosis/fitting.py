@@ -22,6 +22,7 @@ _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what 
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
+_CLOCK_DOUBT = 0.05  # of the coherence for each ppm by which ADC clocks run apart: noise is compared sample by sample
 _FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
 _FLUTTER_WIDTH = 5  # terms over which it may be displaced
 _BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
@@ -234,6 +235,8 @@ class Fitting:
         lines, size = entries.where(kind='lines'), np.abs(fitted.template)
         trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
         registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
+        clocks = [e.values['deviation'] for e in fitted.effects if e.candidate.effect == 'sample_clock_offset']
+        size[entries.where(kind='coherence')] += _CLOCK_DOUBT / self.comparison.known.trust * sum(map(abs, clocks))
         flutter = entries.where(kind='flutter')
         size[flutter], trust[flutter] = self._changing(fitted), _FLUTTER_TRUST
         if any(e.distorts() for e in registered):

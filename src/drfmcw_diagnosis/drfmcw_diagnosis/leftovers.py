@@ -13,7 +13,7 @@ _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _WIDTHS = (1.0, 2.5, 6.0)  # blocks, of events within the sweep
 _EDGE = 4  # blocks at the sweep's ends in which no event is looked for
 _RHYTHM = (1, 3)  # terms over which a rhythm of random phase spreads
-_FLUTTER_TAILS = 1.1  # the same of variances over the median of those around
+_FLUTTER_TAILS = 1.15  # the same of variances over the median of those around
 _TAILS = 1.05  # by which deviations told by scatter widen a normal distribution's tails
 
 
@@ -44,21 +44,28 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
         z = z[z != 0.0]
         if len(z) < 4:
             continue
-        # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
-        freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
-        chi = stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)
-        largest = min(1.0, len(z) * 2.0 * stats.t.sf(float(np.abs(z).max()), 60))
-        tests = [chi, largest]
+        if kind == 'flutter':
+            tests = [_rhythm(rest[chosen].reshape(len(c.members), -1))]
+        else:
+            tests = _amounts(z, kind)
         if kind == 'ramp':
             tests += _common(rest[chosen].reshape(len(c.members), -1))
             tests.append(_events(rest, weight, slopes, chosen, c.std.ramp[:, station]))
-        if kind == 'flutter':
-            tests.append(_rhythm(rest[chosen].reshape(len(c.members), -1)))
         probability = min(1.0, len(tests) * min(tests))
         found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
     count = len(found)
     found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
     return sorted(found, key=lambda f: f.probability)
+
+
+def _amounts(z: np.ndarray, kind: str) -> list[float]:
+    """Return the chances of so much in all numbers of a kind together, and in the largest."""
+    # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
+    freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
+    return [
+        float(stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)),
+        min(1.0, len(z) * 2.0 * float(stats.t.sf(float(np.abs(z).max()), 60))),
+    ]
 
 
 def _common(rest: np.ndarray) -> list[float]:
@@ -75,10 +82,16 @@ def _common(rest: np.ndarray) -> list[float]:
 
 
 def _rhythm(rest: np.ndarray) -> float:
-    """Return the chance of the most that sweeps of all groups change at one modulation frequency; `rest` (G, K)."""
-    together = rest.sum(axis=0) / math.sqrt(len(rest))
+    """Return the chance of the most that sweeps of all groups change at one modulation frequency; `rest` (G, K).
+
+    Over the scatter of all frequencies: noise that comes and goes spreads variances wider than steady noise does.
+    """
+    together = rest[:, np.any(rest != 0.0, axis=0)].sum(axis=0) / math.sqrt(len(rest))
+    if not len(together):
+        return 1.0
+    spread = max(stats.median_abs_deviation(together, scale='normal'), 1.0)
     most = max(np.convolve(together, np.ones(width), 'valid').max() / math.sqrt(width) for width in _RHYTHM)
-    return float(min(1.0, len(_RHYTHM) * len(together) * stats.norm.sf(most / _FLUTTER_TAILS)))
+    return float(min(1.0, len(_RHYTHM) * len(together) * stats.norm.sf(most / spread / _FLUTTER_TAILS)))
 
 
 def _events(rest: np.ndarray, weight: np.ndarray, slopes: np.ndarray, chosen: np.ndarray, std: np.ndarray) -> float:

@@ -11,7 +11,13 @@ from .groups import Groups, joined, pooled
 from .known import BEAT_LIMIT, Known
 from .recorded_sweeps import RecordedSweeps
 
+STEADY = 8
+"""Terms of the ramp that slow changes of the conditions may move from sweep to sweep."""
+
 _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take out of the ramp
+_TREND = 3  # degree of the polynomial that follows the oscillators' noise
+_TREND_ROUNDS = 3
+_TREND_ABOVE = 2.5  # standard deviations by which a modulation stands out of it
 _FLUTTER_MEDIAN = 31  # terms over which the variance around one is taken
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
 _AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
@@ -172,9 +178,33 @@ def _flutter(ramp: np.ndarray, scatters: bool) -> tuple[np.ndarray, np.ndarray]:
     """
     if not scatters:
         return np.ones(ramp.shape[1:]), np.ones(ramp.shape[1:])
-    variance = ramp.var(axis=0, ddof=1)
-    around = local_noise(variance, _FLUTTER_MEDIAN) / median_of_mean((len(ramp) - 1) / 2)
+    squares = (ramp - ramp.mean(axis=0)) ** 2
+    power = squares[..., STEADY:].mean(axis=-1, keepdims=True)
+    # a single noisy sweep must not tell how all scatter
+    weight = np.minimum(np.median(power, axis=0) / power, 1.0)
+    variance = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
+    trend = _trend(variance)
+    around = trend * local_noise(variance / trend, _FLUTTER_MEDIAN) / median_of_mean((len(ramp) - 1) / 2)
     return variance / around, around
+
+
+def _trend(variance: np.ndarray) -> np.ndarray:
+    """Return the smooth course of spectra of noise (C, K), which a median over neighbours alone would cut off.
+
+    A polynomial through their logarithms over that of the term, without what stands out above.
+    """
+    term = np.log(np.arange(variance.shape[-1]) + 1.0)
+    basis = np.polynomial.chebyshev.chebvander(2.0 * term / term[-1] - 1.0, _TREND)
+    result = np.empty(variance.shape)
+    for row, values in enumerate(np.log(np.maximum(variance, 1e-300))):
+        kept = np.arange(len(values)) >= STEADY
+        for _ in range(_TREND_ROUNDS):
+            coefficients = np.linalg.lstsq(basis[kept], values[kept], rcond=None)[0]
+            above = values - basis @ coefficients
+            kept &= above < _TREND_ABOVE * above[kept].std()
+        result[row] = basis @ coefficients
+    result[:, :STEADY] = result[:, STEADY, None]  # which it does not follow
+    return np.exp(result)
 
 
 def _movement_by_phase(sweeps: SweepFeatures, wave: float, told: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -79,7 +79,7 @@ class NoiseModel:
             int(part.groups[0]),
             *oscillators,
             *(e for e in effects if e.stage == Stage.FILTER),
-            *((s.sample_clock.tobytes(), s.noise_density.tobytes()) for s in state.stations),
+            *(s.noise_density.tobytes() for s in state.stations),
             np.rint(state.paths[0].delay / _DELAY_STEP).tobytes(),
         )
         if decisive not in self._known:
@@ -127,15 +127,12 @@ class NoiseModel:
                 mirrors = sum(o.single_sideband(m) for o in oscillators for m in (at + sides, rate - at - sides))
                 responses.append(response / own)
                 floors.append(floor / (rate * power) + mirrors * np.abs(responses[-1]) ** 2)
-            clocks = [float(s.sample_clock[row]) for s in state.stations]
-            middle = 0.5 * state.stations[0].sweep.record_duration
             result[row] = coherence.predicted(
                 used,
                 np.array([o.single_sideband(used.offset) for o in oscillators]),
                 np.array(floors),
                 np.array(responses),
                 float(state.paths[0].delay[row]),
-                middle * (1.0 / clocks[0] - 1.0 / clocks[1]),
             )
         return result
 

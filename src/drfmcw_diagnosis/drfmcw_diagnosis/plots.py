@@ -62,7 +62,7 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
     values = np.concatenate([np.asarray(v, float).ravel() for _, v in panels])
     values = values[np.isfinite(values) & (values > 0.0)]
     largest = max(_DEEPEST, float(values.max(initial=0.0)))
-    turned = max(map(len, shown.columns), default=0) * len(shown.columns) > 100
+    turned = max(map(len, shown.columns), default=0) * len(shown.columns) > 70
     below = 0.3 + (0.07 * max(map(len, shown.columns)) if turned else 0.2)
     height = len(panels) * (0.45 + 0.36 * len(shown.rows)) + below
     with matplotlib.rc_context(_STYLE | {'axes.grid': False}):
@@ -105,9 +105,16 @@ def _write_cells(axis: Axes, cells: np.ndarray, largest: float) -> None:
         value = cells[row, column]
         dark = value > 0.0 and abs(math.log(value)) > 0.6 * math.log(largest)
         axis.text(
-            column + 0.5, row + 0.5, wording.plain(value, 2 if value < 100.0 else 3), ha='center', va='center',
+            column + 0.5, row + 0.5, _cell(value), ha='center', va='center',
             fontsize=8.5, color='white' if dark else '#333333',
         )  # fmt: skip
+
+
+def _cell(value: float) -> str:
+    """Return a misfit in four characters, up to 10 000."""
+    if value < 0.095:
+        return f'{value:.2f}'
+    return wording.plain(value, 2 if value < 100.0 else 3)
 
 
 def series_panels(series: Series, locations: Sequence[Location], explained: bool) -> bytes:

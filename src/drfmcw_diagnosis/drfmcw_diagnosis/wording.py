@@ -326,7 +326,8 @@ def _finding(diagnosis: Diagnosis) -> list[str]:
 
 def range_change(diagnosis: Diagnosis) -> float | None:
     """Return the largest change of a range by the explanation, with its sign [m]; None where no series tells."""
-    curves = [s.curve for s in diagnosis.series if s.level == 'range' and s.unit == 'm' and np.isfinite(s.curve).any()]
+    of_range = (s for s in diagnosis.series if (s.level, s.axis) == ('range', 'range'))
+    curves = [s.curve for s in of_range if np.isfinite(s.curve).any()]
     if not curves:
         return None
     curve = np.concatenate(curves)

@@ -1,0 +1,104 @@
+"""Search for effects: what an explanation may follow, effects that nearly cancel, movement, work in processes."""
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drfmcw_diagnosis.comparison import Comparison
+from drfmcw_diagnosis.dataset import read_dataset
+from drfmcw_diagnosis.fitting import Freedom
+from drfmcw_diagnosis.proof.draws import Extent, random_condition
+from drfmcw_diagnosis.proof.effects import Applied, conceal
+from drfmcw_diagnosis.proof.generator import nominal
+from drfmcw_diagnosis.proof.recordings import write_recording
+from drfmcw_diagnosis.search import Search, searched
+from drfmcw_diagnosis.workers import Workers
+from drfmcw_sim.effects import Effect
+
+OF_THE_RANGE = {'delay_offset', 'sample_clock_offset', 'delay_temperature', 'reference_offset'}
+
+
+def compared(path, seed, *effects, settings=7, sweeps=12):
+    """A comparison of a recording that conceals effects."""
+    condition = random_condition(np.random.default_rng(seed), Extent(settings, sweeps))
+    write_recording(conceal(nominal(condition), effects), path)
+    return Comparison(read_dataset(path))
+
+
+def chi_square(comparison, kind, *effects):
+    """Squared whitened residual per number of one kind beside effects."""
+    rest = comparison.residual - comparison.template(effects)
+    chosen = comparison.entries.where(kind=kind) & (comparison.residual != 0.0)
+    return float(np.mean(rest[chosen] ** 2))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_what_parameters_follow_and_what_is_left_are_orthogonal(seed, parameters):
+    random = np.random.default_rng(seed)
+    slopes, values = random.standard_normal((parameters, 50)), random.standard_normal((3, 50))
+    freedom = Freedom(slopes)
+    left = freedom.left(values)
+    np.testing.assert_allclose(left @ slopes.T, 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.sum(values**2, axis=1), np.sum(left**2, axis=1) + freedom.followed(values))
+
+
+def test_two_effects_that_nearly_cancel_are_found_together(tmp_path):
+    """Alone neither explains half of what both leave; the clock's error is 90 sigma, what both leave 60.
+
+    Searched among what acts on the range alone. The data do not tell an offset of the delay from one of the reference.
+    """
+    truth = {'delay': 0.2, 'offset': -0.2 * 0.2998, 'deviation': 60.0}
+    both = (
+        Applied('delay_offset', None, {'delay': truth['delay']}),
+        Applied('sample_clock_offset', 'master', {'deviation': truth['deviation']}),
+    )
+    comparison = compared(tmp_path / 'r', 31, *both, settings=14, sweeps=12)
+    found = searched(Search(comparison, without=set(Effect.registry) - OF_THE_RANGE), 0.01).explanation
+    names = {e.key for e in found.effects}
+    assert ('sample_clock_offset', 'master') in names and len(names) == 2
+    assert names & {('delay_offset', ''), ('reference_offset', '')}
+    for effect in found.effects:
+        for name, value in effect.values.items():
+            assert abs(value - truth[name]) < 4.0 * effect.stds[name]
+
+
+def test_a_crane_that_creeps_moves_within_its_place(tmp_path):
+    """Slower than the reference shows within a place; the carrier phase counts it to tens of micrometres."""
+    velocity = (0.012, -0.006, 0.009, 0.005, -0.011, 0.004, -0.008)
+    comparison = compared(tmp_path / 'r', 32, Applied('target_motion', None, {'velocity': velocity}))
+    assert comparison.standing.all()
+    assert chi_square(comparison, 'movement') > 1e3
+    assert chi_square(comparison, 'movement', Effect.registry['target_motion'](velocity=velocity)) < 2.0
+
+
+def test_a_drives_sway_shows_in_its_range(tmp_path):
+    """From sweep to sweep a drive passes many wavelengths: what it does beyond the reference is told by the range."""
+    velocity = (1.1, -0.7, 0.9, 0.6, -1.2, 0.8, -0.9)
+    motion = Applied('target_motion', None, {'velocity': velocity})
+    sway = Applied('sway', None, {'amplitude': 0.08, 'frequency': 0.7, 'phase': 0.0})
+    comparison = compared(tmp_path / 'r', 33, motion, sway)
+    assert not comparison.standing.any()
+    assert chi_square(comparison, 'movement') > 4.0
+    effects = (
+        Effect.registry['target_motion'](velocity=velocity),
+        Effect.registry['sway'](amplitude=0.08, frequency=0.7, phase=0.0),
+    )
+    # 84 numbers, 5 standard deviations: false failure below 1e-6
+    assert chi_square(comparison, 'movement', *effects) < 1.0 + 5.0 * np.sqrt(2.0 / 84)
+
+
+def _power(items, number):
+    if number == len(items):
+        raise ValueError(f'no item {number}')
+    return items[number] ** 2
+
+
+@pytest.mark.parametrize('count', [1, 2, 7])
+def test_shared_work_is_the_same_work(count):
+    items = list(range(5))
+    assert Workers(count).map(functools.partial(_power, items), range(5)) == [i**2 for i in items]
+    with pytest.raises(ValueError, match='no item 5'):
+        Workers(count).map(functools.partial(_power, items), range(6))
