@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from drfmcw_physics.oscillators import Calibration
 from drfmcw_sim.effects import Effect
 
 WAVE = 0.0517
@@ -95,7 +96,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
                {'natural_frequency': _steps(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)}, defining=('damping',)),
     ),
     'phase_noise': (
-        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-2.0, 2.0), 'corner': (0.5, 1.0, 2.0)},
+        Recipe('', {}, {'level': 5.0, 'corner': 1e5}, {'level': (-2.0, -0.5, 0.5, 2.0), 'corner': (0.5, 1.0, 2.0)},
                stations='each and both', steps={'level': 0.1, 'corner': 2e3}, trust={'level': 0.15, 'corner': 0.03}),
     ),
     'noise_floor': (
@@ -181,7 +182,7 @@ class Candidate:
 
 def candidates(
     stations: tuple[str, ...],
-    calibrated: Mapping[str, Mapping[str, float]],
+    calibrated: Sequence[Calibration],
     groups: Sequence[int],
     without: Collection[str] = (),
 ) -> Iterator[Candidate]:
@@ -189,7 +190,7 @@ def candidates(
 
     Args:
         stations: names.
-        calibrated: of 'phase_noise', what the calibrations say: the grid's steps are relative to it.
+        calibrated: what the stations' oscillators are like: the grid of phase noise is relative to it.
         groups: numbers of those in which sizes may differ.
         without: effects that are left out.
     """
@@ -201,8 +202,9 @@ def candidates(
                 for values in itertools.product(*recipe.grid.values()):
                     start = dict(recipe.start) | dict(zip(recipe.grid, values, strict=True))
                     if effect == 'phase_noise':
-                        start['level'] += calibrated['phase_noise']['level']
-                        start['corner'] *= calibrated['phase_noise']['corner']
+                        own = [c for c in calibrated if station in ('', c.station)]
+                        start['level'] += float(np.mean([c.phase_noise_level for c in own]))
+                        start['corner'] *= float(np.mean([c.phase_noise_corner for c in own]))
                     if recipe.per_group:
                         start = {f'{recipe.size}[{g}]': start[recipe.size] for g in groups}
                     yield Candidate(effect, station, recipe, start)

@@ -90,13 +90,22 @@ def _as_it_is(values: np.ndarray) -> np.ndarray:
     return values
 
 
+def scaled_inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the inverse of a normal matrix (P, P), whatever the units of its parameters.
+
+    What it tells nothing of stays zero.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+
 class Freedom:
     """What the parameters of an explanation can follow to first order."""
 
     def __init__(self, slopes: np.ndarray) -> None:
         """Take the whitened derivatives of a template by its parameters (P, n)."""
         self._slopes = slopes
-        self._inverse = np.linalg.pinv(slopes @ slopes.T)
+        self._inverse = scaled_inverse(slopes @ slopes.T)
 
     def left(self, values: np.ndarray) -> np.ndarray:
         """Return what they cannot follow of whitened values (..., n)."""
@@ -169,7 +178,7 @@ class Fitting:
             improved = False
             for _ in range(6):
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
-                trial = point + np.linalg.lstsq(matrix, gradient, rcond=None)[0]
+                trial = point + scaled_inverse(matrix) @ gradient
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
                 other = beside + self._template(effects_at(trial))
                 value = misfit_of(other)
@@ -183,7 +192,7 @@ class Fitting:
             damping *= 0.2
             if gain < max(0.01, 1e-6 * misfit):
                 break
-        covariance = np.linalg.pinv(normal + np.diag(1e-12 / prior**2))
+        covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         fitted = []
         for number, candidate in enumerate(chosen):

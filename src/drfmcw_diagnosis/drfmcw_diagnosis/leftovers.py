@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from scipy import stats
 
-from .fitting import Fitted, Fitting
+from .fitting import Fitted, Fitting, scaled_inverse
 
 _WINDOWS = (2, 4, 8, 16, 32)  # blocks over which a remainder is looked for
 _WIDTHS = (1.0, 2.5, 6.0)  # blocks, of events within the sweep
@@ -114,7 +114,7 @@ def _events(rest: np.ndarray, weight: np.ndarray, slopes: np.ndarray, chosen: np
     power = shapes**2 @ np.sum(share**2, axis=0)
     if len(slopes):
         imitated = shapes @ np.einsum('pgk,gk->kp', slopes[:, chosen].reshape(-1, groups, count), share)
-        inverse = np.linalg.pinv(slopes @ slopes.T)
+        inverse = scaled_inverse(slopes @ slopes.T)
         remains -= imitated @ (inverse @ (slopes @ rest))
         power = np.maximum(power - np.einsum('mp,pq,mq->m', imitated, inverse, imitated), 0.02 * power)
     largest = np.max(np.abs(remains) / np.sqrt(power))

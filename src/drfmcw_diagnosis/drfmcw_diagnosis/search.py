@@ -27,6 +27,7 @@ _REFINED = 5  # of them that are refined, by what they bring where the refinemen
 _STARTS = 6  # places of each kind at which a refinement begins
 _LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
 _FIRST_STEPS = 2  # of refinement by which one of them is chosen
+_STEPS_TO_SIZE = 4  # where a template cannot simply be scaled
 _OFF = 0.01  # by which a model may be off throughout, relative to what it adds
 _FAINT = 0.1  # length of a template below which it may be rounding only
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
@@ -70,9 +71,8 @@ class Search(Fitting):
         self._without = without
         self.report = progress or (lambda text, share: None)
         data = comparison.data
-        calibration = data.calibration[0]
-        calibrated = {'phase_noise': {'level': calibration.phase_noise_level, 'corner': calibration.phase_noise_corner}}
-        bank = list(candidates(data.stations, calibrated, [int(data.group[m[0]]) for m in comparison.members], without))
+        groups = [int(data.group[m[0]]) for m in comparison.members]
+        bank = list(candidates(data.stations, data.calibration, groups, without))
         self.report('templates of the registry', 0.0)
         templates = self._workers.map(self._shown, bank)
         self.bank = [candidate for candidate, template in zip(bank, templates, strict=True) if template is not None]
@@ -316,7 +316,8 @@ class Search(Fitting):
             # a distortion takes long; one linear place is as good as its promise
             linear = len(places_of) == 1 and places_of[0][1].recipe.size
             effect = Effect.registry[places_of[0][1].effect]
-            steps = 0 if linear or effect.distorts() or effect.bursts() else _FIRST_STEPS
+            steps = _FIRST_STEPS if places_of[0][1].recipe.size else _STEPS_TO_SIZE
+            steps = 0 if linear or effect.distorts() or effect.bursts() else steps
             at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in places_of]
             return min(at, key=lambda f: f.misfit)
 
