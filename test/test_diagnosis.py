@@ -124,6 +124,16 @@ def test_places_are_where_the_simulator_puts_the_effect(effect, station, paramet
     assert min(abs(value - shape[parameter]) for value in found) < width
 
 
+def test_a_spur_beside_a_line_leaves_the_mean_ramp():
+    """Its phase differs from sweep to sweep: it makes them change, and their mean does not hold it."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'), np.arange(48))
+    beside = float(comparison.sweeps[0].line[:, 0].mean()) + 20e3
+    spur = Effect.registry['spur'](level=-85.0, frequency=beside, station=comparison.receivers[0])
+    ramp = comparison.template((spur,))[comparison.entries.where(kind='ramp')]
+    assert comparison.changing((spur,)).max() > 1.0  # over the noise of one sweep
+    assert np.abs(ramp).max() < 0.05  # standard deviations of the mean
+
+
 @pytest.mark.parametrize('station', ['master', 'slave'])
 def test_coherence_tells_whose_oscillator_is_the_noisier(tmp_path, station):
     """Of two explanations that raise the same skirts by 3 dB only that with the right station fits both lines' noise.

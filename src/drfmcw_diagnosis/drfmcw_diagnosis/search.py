@@ -76,7 +76,8 @@ class Search(Fitting):
         self.report('templates of the registry', 0.0)
         templates = self._workers.map(self._shown, bank)
         self.bank = [candidate for candidate, template in zip(bank, templates, strict=True) if template is not None]
-        self.templates = np.array([template for template in templates if template is not None])
+        shown = [template for template in templates if template is not None]
+        self.templates = np.array(shown, np.float32).reshape(len(shown), len(comparison.residual))
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
         self._places = collections.Counter(c.key for c in self.bank)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements, synthesise
 
 from .features import SweepFeatures
@@ -32,7 +33,7 @@ class SimulatedSweeps:
         """Return the features of one noise-free sweep pair per group; harmonics only where an effect makes some.
 
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
-        as it does in a recording's sweeps of random phase.
+        as it does in a recording's sweeps of random phase; over a whole turn what is added to the samples does too.
         """
         return self._noise_free(part, tuple(e for e in effects if e.acts_on not in _UNSEEN))
 
@@ -40,8 +41,9 @@ class SimulatedSweeps:
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
         distorting = any(effect.distorts() for effect in effects)
         swaying = any(effect.name == 'sway' for effect in effects)
-        copies = DISTORTED if distorting or swaying else 2
-        each, moved = self.copies(part, effects, copies, swaying, harmonic=not effects)
+        added = any(effect.acts_on == 'samples' and effect.stage < Stage.FILTER for effect in effects)
+        copies = DISTORTED if distorting or swaying else 4 if added else 2
+        each, moved = self.copies(part, effects, copies, swaying, harmonic=not effects, turns=1.0 if added else 0.5)
         features = _mean(each, copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -52,12 +54,18 @@ class SimulatedSweeps:
         return features
 
     def copies(
-        self, part: Part, effects: Sequence[Effect], copies: int, swaying: bool = False, harmonic: bool = False
+        self,
+        part: Part,
+        effects: Sequence[Effect],
+        copies: int,
+        swaying: bool = False,
+        harmonic: bool = False,
+        turns: float = 0.5,
     ) -> tuple[SweepFeatures, np.ndarray]:
-        """Return features of sweeps whose phases lie evenly over half a turn, and the delay that `align` added (G,)."""
+        """Return features of sweeps, their phases evenly over so many turns, and the delay that `align` added (G,)."""
         count = len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
-        rows.initial_phase[0] += np.repeat(np.arange(copies) / (2.0 * copies), count)
+        rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
         if swaying:  # a group's mean is that over its time, in which a crane may swing far
             rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
         moved = align(part, rows, copies, self._recorded.sweeps, acted(part, effects))
