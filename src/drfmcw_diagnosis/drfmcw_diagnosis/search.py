@@ -422,6 +422,8 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
+        if rounds[-1] and _hopeless(search, current.misfit, rounds[-1][0].misfit):
+            break
         search.report('rivals', 0.9)
         exchanged = search.exchanges(current)
         if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
@@ -431,6 +433,12 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         current = pruned(search, current, false_alarm_rate)
         rounds += more
     return Found(current, significance, rounds, exchanged)
+
+
+def _hopeless(search: Search, before: float, after: float) -> bool:
+    """Return whether an effect explains so little of a large misfit that the few which may follow will not either."""
+    excess = before - len(search.comparison.residual)
+    return excess > len(search.comparison.residual) and before - after < _HOPELESS * excess
 
 
 def forward(
@@ -465,9 +473,8 @@ def forward(
         accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
         if chance > accepted or best.evidence <= needed + 1.0:
             break
-        excess = before - len(search.comparison.residual)
-        if excess > len(search.comparison.residual) and before - best.misfit < _HOPELESS * excess:
-            break  # the few effects that may follow will not explain it
+        if _hopeless(search, before, best.misfit):
+            break
         current = search.settled(best)
     return current, significance, rounds
 
