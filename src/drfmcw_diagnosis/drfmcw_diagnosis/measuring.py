@@ -18,6 +18,8 @@ _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take
 _TREND = 3  # degree of the polynomial that follows the oscillators' noise
 _TREND_ROUNDS = 3
 _TREND_ABOVE = 2.5  # standard deviations by which a modulation stands out of it
+_BENDS = 5  # of consecutive sweeps that tell their noise
+_MAD_TO_STD = 1.4826  # of normal noise
 _FLUTTER_MEDIAN = 31  # terms over which the variance around one is taken
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
 _AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
@@ -208,9 +210,14 @@ def _trend(variance: np.ndarray) -> np.ndarray:
 
 
 def _movement_by_phase(sweeps: SweepFeatures, wave: float, told: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf if not told."""
+    """Return the displacement within a group by the carrier phase [m] (n,), and its deviation: inf if not told.
+
+    Noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does.
+    """
     turned = np.unwrap(sweeps.carrier) * wave
-    std = np.hypot(sweeps.phase_std * wave, _MOVEMENT_LIMIT)
+    bends = np.abs(np.diff(turned, 2))
+    wander = _MAD_TO_STD * np.median(bends) / np.sqrt(6.0) if len(bends) >= _BENDS else 0.0
+    std = np.hypot(np.maximum(sweeps.phase_std * wave, wander), _MOVEMENT_LIMIT)
     return turned - turned.mean(), std if told else np.full(len(turned), np.inf)
 
 

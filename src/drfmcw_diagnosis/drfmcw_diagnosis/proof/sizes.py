@@ -164,7 +164,7 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> tuple[list[np.nda
     for s in (FIRST, SECOND):
         old, new = clean(before, s, rows), clean(after, s, rows)
         # where a chirp is off, a filter's answer to its edge is no line whose change could be told
-        on = np.minimum(np.abs(old), np.abs(new)) > _OFF * np.abs(old).max(axis=1, keepdims=True)
+        on = np.logical_and(*(np.abs(x) > _OFF * np.abs(x).max(axis=1, keepdims=True) for x in (old, new)))
         ratio = np.where(on, new / np.where(on, old, 1.0), 1.0)
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
         smooth = np.where(on, smooth, 0.0)
