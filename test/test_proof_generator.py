@@ -509,6 +509,16 @@ def test_matched_sizes_have_their_closed_forms():
     assert noise.total == pytest.approx(math.sqrt(48 * 1024) * 0.2 * math.log(10.0) / 10.0, rel=0.02)
     loss = sizes.matched_size(silent, [Applied('amplitude_loss', None, {'loss': 0.1})])
     assert loss.total == pytest.approx(0.1 / 0.2 * math.sqrt(48), rel=0.02)
+    halved = sizes.matched_size(silent, [Applied('amplitude_loss', None, {'loss': 10.0})])
+    assert halved.amplitude == pytest.approx(10.0 / 0.2 * math.sqrt(48), rel=0.02)
+
+
+def test_filters_nearly_alike_are_not_told_apart():
+    """Poles a per cent apart; their answers to a chirp's edge, where there is no line, count for nothing."""
+    c = condition((40.0, 200.0), 16)
+    one, other = (Applied('if_filter', 'slave', {'pole': pole}) for pole in (3.75e6, 3.79e6))
+    assert sizes.separation(c, [one], [other]) < 1.0
+    assert sizes.separation(c, [], [other]) > 3.0
 
 
 @pytest.mark.parametrize('distance', [60.0, 300.0, 900.0])
