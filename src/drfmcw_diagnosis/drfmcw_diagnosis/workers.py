@@ -1,5 +1,6 @@
 """Work on several items at once, in processes that start with all that this one has in memory."""
 
+import concurrent.futures
 import dataclasses
 import multiprocessing
 import signal
@@ -24,13 +25,15 @@ class Workers:
         count = min(self.count, len(items))
         if count < 2:
             return [function(item) for item in items]
-        with multiprocessing.get_context('fork').Pool(count, _begin, (function, items)) as pool:
-            return pool.map(_work, range(len(items)), chunksize=1)
+        context = multiprocessing.get_context('fork')
+        with concurrent.futures.ProcessPoolExecutor(count, context, _begin, (function, items)) as pool:
+            return list(pool.map(_work, range(len(items))))
 
 
 def _begin(function: Callable, items: Sequence) -> None:
     global _function, _items  # noqa: PLW0603 of a process that does nothing else
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that shares out the work
+    for number in (signal.SIGINT, signal.SIGTERM):  # whoever started this one may handle them otherwise
+        signal.signal(number, signal.SIG_DFL)
     _function, _items = function, items
 
 
