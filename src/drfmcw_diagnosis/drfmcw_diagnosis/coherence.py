@@ -89,10 +89,7 @@ def measured(
     two = two * np.exp(-2j * np.pi * later[:, None] * used.offset)
     # what all sweeps share is no noise; a line of its own at some offset counts no more than noise does
     one, two = ((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-30) for x in (one, two))
-    cross = one * two.conj()
-    total, difference = (used.summed(1.0 + s * cross.real).mean(axis=0) for s in (1.0, -1.0))
-    power = np.where(used.present, total * difference, np.inf)
-    return used.summed(-cross.imag) / np.sqrt(np.maximum(power, 1e-30))
+    return _imaginary(used, one * two.conj())
 
 
 def predicted(
@@ -119,7 +116,14 @@ def predicted(
     power = (s_1 + s_2) * np.abs(response) ** 2 + np.sum(np.where(there, floors, 0.0), axis=1)
     turn = np.exp(2j * np.pi * delay * used.offset)
     cross = -(s_1 * turn + s_2 / turn) * response[0] * response[1].conj()
-    cross = cross / np.sqrt(np.maximum(power[0] * power[1], 1e-60))
-    total, difference = (used.summed(1.0 + s * cross.real) for s in (1.0, -1.0))
+    return _imaginary(used, (cross / np.sqrt(np.maximum(power[0] * power[1], 1e-60)))[None])[0]
+
+
+def _imaginary(used: Sidebands, cross: np.ndarray) -> np.ndarray:
+    """Return shares in the imaginary coherence (n, OFFSETS) by cross spectra of phases of unit power (n, F).
+
+    Over the root of the mean powers of both phases' sum and difference; 0 in bands that are not present.
+    """
+    total, difference = (used.summed(1.0 + s * cross.real).mean(axis=0) for s in (1.0, -1.0))
     power = np.where(used.present, total * difference, np.inf)
     return used.summed(-cross.imag) / np.sqrt(np.maximum(power, 1e-30))

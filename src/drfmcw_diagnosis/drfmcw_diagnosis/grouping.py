@@ -55,8 +55,15 @@ def _noise(distance: np.ndarray, std: np.ndarray) -> float:
     stated = float(np.median(std[np.isfinite(std)])) if np.isfinite(std).any() else 0.0
     if len(distance) < 3:
         return stated
-    bends = np.diff(distance, 2)  # a steady drive has none; their standard deviation is sqrt(6) times the distance's
-    return max(stated, _MAD_TO_STD * float(np.median(np.abs(bends))) / np.sqrt(6.0))
+    return max(stated, noise_by_bends(distance))
+
+
+def noise_by_bends(values: np.ndarray) -> float:
+    """Return the standard deviation of noise on values that change steadily (n,), at least 3, by how they bend.
+
+    A steady change has no second differences; those of noise have sqrt(6) times its standard deviation.
+    """
+    return _MAD_TO_STD * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6.0)
 
 
 def slopes(

@@ -7,6 +7,7 @@ from scipy.ndimage import uniform_filter1d
 
 from . import coherence
 from .features import SweepFeatures, local_noise, mean_power, median_of_mean, quiet_sweeps, ramp_spectrum, unevenness
+from .grouping import noise_by_bends
 from .groups import Groups, joined, pooled
 from .known import BEAT_LIMIT, Known
 from .recorded_sweeps import RecordedSweeps
@@ -18,8 +19,7 @@ _FREE = 2  # cosine terms that amplitude, phase and frequency of each sweep take
 _TREND = 3  # degree of the polynomial that follows the oscillators' noise
 _TREND_ROUNDS = 3
 _TREND_ABOVE = 2.5  # standard deviations by which a modulation stands out of it
-_BENDS = 5  # of consecutive sweeps that tell their noise
-_MAD_TO_STD = 1.4826  # of normal noise
+_TELLING = 7  # consecutive sweeps that tell by their bends how the carrier wanders
 _FLUTTER_MEDIAN = 31  # terms over which the variance around one is taken
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
 _AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
@@ -215,8 +215,7 @@ def _movement_by_phase(sweeps: SweepFeatures, wave: float, told: bool) -> tuple[
     Noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does.
     """
     turned = np.unwrap(sweeps.carrier) * wave
-    bends = np.abs(np.diff(turned, 2))
-    wander = _MAD_TO_STD * np.median(bends) / np.sqrt(6.0) if len(bends) >= _BENDS else 0.0
+    wander = noise_by_bends(turned) if len(turned) >= _TELLING else 0.0
     std = np.hypot(np.maximum(sweeps.phase_std * wave, wander), _MOVEMENT_LIMIT)
     return turned - turned.mean(), std if told else np.full(len(turned), np.inf)
 
