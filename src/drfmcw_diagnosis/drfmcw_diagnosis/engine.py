@@ -27,7 +27,8 @@ from .result import (
     FoundEffect,
     NextMeasurement,
 )
-from .search import Search, rivals, searched
+from .rivals import rivals
+from .search import Search, searched
 from .views import locations, misfit_map, remainder, separability, series
 from .wording import sentences
 
@@ -97,7 +98,7 @@ def diagnose_dataset(
     elif found is None:
         verdict, chosen = 'consistent', None
     else:
-        alternatives = rivals(found, result.exchanged)
+        alternatives = rivals(search, found, result.exchanged)
         verdict, chosen = ('ambiguous' if alternatives else 'explained'), found
     deciding: tuple[NextMeasurement, ...] = ()
     if alternatives:

@@ -1,4 +1,4 @@
-"""Forward search for the effects that explain a recording, joint refinement, pruning, rivals and what is left over."""
+"""Forward search for the effects that explain a recording, joint refinement, pruning and exchanges."""
 
 import collections
 import dataclasses
@@ -20,6 +20,9 @@ from .workers import Workers
 MOST_EFFECTS = 4
 """Effects in one explanation."""
 
+RIVAL = 16.0
+"""Squared distance below which two explanations are one answer (4 sigma)."""
+
 _HOPELESS = 0.1  # of a misfit many times that of noise, which each effect must explain at least
 _FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
@@ -33,8 +36,6 @@ _FAINT = 0.1  # length of a template below which it may be rounding only
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
 _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
-_RIVAL = 16.0  # squared distance below which two explanations are one answer (4 sigma)
-_WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
 _FEW = 6  # kinds of rivals that are refined
 _PLACES = 2  # of each
 _PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
@@ -266,6 +267,10 @@ class Search(Fitting):
             return None
         return Freedom(self.slopes(fitted) * self._weight)
 
+    def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]]) -> list[Fitted]:
+        """Return explanations fitted from where each begins."""
+        return self._workers.map(self.fit, starts)
+
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from where it is."""
         told = [e.told for e in fitted.effects]
@@ -340,7 +345,7 @@ class Search(Fitting):
         count = (len(self._places) + len(CELLS)) * self._places.get(key, CELLS.get(key[0], 1))
         return float(min(1.0, count * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
 
-    # --- rivals ---
+    # --- exchanges ---
 
     def exchanges(self, fitted: Fitted) -> list[Fitted]:
         """Return explanations with one effect exchanged for another, or for itself at another place, best first.
@@ -357,14 +362,14 @@ class Search(Fitting):
 
             def refined(place: tuple, base: list = base, goal: float = goal) -> Fitted | None:
                 begun = self.fit([*base, place], _FIRST_STEPS)
-                if begun.misfit - fitted.misfit > max(_FAR * _RIVAL, _BEHIND * goal):
+                if begun.misfit - fitted.misfit > max(_FAR * RIVAL, _BEHIND * goal):
                     return None
                 return self.fit([(e.candidate, e.values) for e in begun.effects])
 
             for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
                 if other is None or not self.credible(other, template):
                     continue
-                if other.keys == fitted.keys and other.misfit > fitted.misfit - _RIVAL:
+                if other.keys == fitted.keys and other.misfit > fitted.misfit - RIVAL:
                     continue  # the same
                 known = found.get(other.keys)
                 if known is None or other.misfit < known.misfit:
@@ -383,17 +388,6 @@ class Search(Fitting):
                 tried[candidate.key] = tried.get(candidate.key, 0) + 1
                 found.append((candidate, values))
         return found
-
-
-def rivals(fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
-    """Return which of the explanations with one effect exchanged fit nearly as well as one, best first."""
-    return [
-        other
-        for other in exchanged
-        if other.keys != fitted.keys
-        and other.misfit - fitted.misfit < _RIVAL
-        and other.evidence > fitted.evidence - _WORSE
-    ]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,0 +1,49 @@
+"""Explanations that fit a recording nearly as well as the one put first: what its data cannot tell apart."""
+
+import itertools
+from collections.abc import Sequence
+
+from .bank import Candidate
+from .fitting import Fitted
+from .search import RIVAL, Search
+
+_WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
+_SUBSTITUTES = 3  # of one effect, of which several are exchanged at once
+_MOST = 24  # explanations with several effects exchanged that are fitted
+
+
+def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
+    """Return the explanations that fit nearly as well as one, best first.
+
+    What one effect can be exchanged for, several can be exchanged for at once: if neither of two oscillators is told
+    from the other station's, four explanations are one answer.
+
+    Args:
+        search: of the recording.
+        fitted: the explanation.
+        exchanged: explanations with one of its effects exchanged.
+    """
+    single = [other for other in exchanged if other.keys != fitted.keys and _is_near(other, fitted)]
+    several = search.fits(_combined(fitted, single))
+    near = [other for other in several if other.certain and _is_near(other, fitted)]
+    return sorted([*single, *near], key=lambda other: -other.evidence)
+
+
+def _is_near(other: Fitted, fitted: Fitted) -> bool:
+    return other.misfit - fitted.misfit < RIVAL and other.evidence > fitted.evidence - _WORSE
+
+
+def _combined(fitted: Fitted, single: Sequence[Fitted]) -> list[list[tuple[Candidate, dict[str, float]]]]:
+    """Return where fits of explanations begin that have several effects exchanged as each was alone."""
+    places = [[(effect.key, effect.candidate, effect.values)] for effect in fitted.effects]
+    for other in single:
+        gone = [number for number, effect in enumerate(fitted.effects) if effect.key not in other.keys]
+        new = [effect for effect in other.effects if effect.key not in fitted.keys]
+        if len(gone) == len(new) == 1 and len(places[gone[0]]) <= _SUBSTITUTES:
+            places[gone[0]].append((new[0].key, new[0].candidate, new[0].values))
+    found = []
+    for chosen in itertools.product(*places):
+        changed = sum(key not in fitted.keys for key, _, _ in chosen)
+        if changed > 1 and len({key for key, _, _ in chosen}) == len(chosen):
+            found.append([(candidate, dict(values)) for _, candidate, values in chosen])
+    return found[:_MOST]
