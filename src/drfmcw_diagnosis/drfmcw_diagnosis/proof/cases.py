@@ -31,7 +31,8 @@ from .draws import (
     velocities,
 )
 from .effects import KINDS, OUTSIDE, REGISTERED, Applied, conceal
-from .generator import Condition, NoiseShape, nominal
+from .generator import Condition, nominal
+from .phase_noise import NoiseShape
 from .recordings import Seal, seal, write_recording
 from .sizes import MatchedSize, matched_size, scaled
 

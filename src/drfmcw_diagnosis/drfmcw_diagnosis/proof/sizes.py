@@ -25,9 +25,9 @@ from .generator import (
     clean,
     digitise,
     nominal,
-    phase_noise_density,
     receive,
 )
+from .phase_noise import phase_noise_density
 
 _AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # places of the nuisances
 _OFF = 0.5  # of a line's amplitude, below which it counts as silent
