@@ -27,7 +27,7 @@ from .result import (
     FoundEffect,
     NextMeasurement,
 )
-from .rivals import rivals
+from .rivals import rivals, widened
 from .search import Search, searched
 from .views import locations, misfit_map, remainder, separability, series
 from .wording import sentences
@@ -98,6 +98,7 @@ def diagnose_dataset(
     elif found is None:
         verdict, chosen = 'consistent', None
     else:
+        found = widened(found, result.exchanged)
         alternatives = rivals(search, found, result.exchanged)
         verdict, chosen = ('ambiguous' if alternatives else 'explained'), found
     deciding: tuple[NextMeasurement, ...] = ()

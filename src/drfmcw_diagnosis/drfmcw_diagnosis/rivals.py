@@ -3,6 +3,8 @@
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
+
 from .bank import Candidate
 from .fitting import Fitted
 from .search import RIVAL, Search
@@ -27,6 +29,27 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
     several = search.fits(_combined(fitted, single))
     near = [other for other in several if other.certain and _is_near(other, fitted)]
     return sorted([*single, *near], key=lambda other: -other.evidence)
+
+
+def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
+    """Return an explanation whose deviations cover the other places at which the same effects fit nearly as well.
+
+    Mean squares about the best fit over all places, each with its likelihood.
+    """
+    places = [other for other in exchanged if other.keys == fitted.keys]
+    if not places:
+        return fitted
+    shares = np.exp([min(0.5 * (fitted.misfit - other.misfit), 0.0) for other in places])
+    told = []
+    for effect in fitted.effects:
+        same = [next(e for e in other.effects if e.key == effect.key) for other in places]
+        told.append(dict(effect.told))
+        for name, std in effect.stds.items():
+            if name not in effect.told:
+                squares = np.array([(e.values[name] - effect.values[name]) ** 2 + e.stds[name] ** 2 for e in same])
+                variance = (std**2 + shares @ squares) / (1.0 + shares.sum())
+                told[-1][name] = effect.values[name], float(np.sqrt(variance))
+    return fitted.with_told(told)
 
 
 def _is_near(other: Fitted, fitted: Fitted) -> bool:

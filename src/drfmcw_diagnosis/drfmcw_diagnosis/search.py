@@ -42,6 +42,7 @@ _PROMISED = 0.3  # of what an effect explains, that an exchange for it must prom
 _FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
 _BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
 _BETTER = 3.0  # log evidence by which an exchange must be better to be made
+_SAME = 4.0  # squared distance below which two fits of the same effects are the same (2 sigma)
 _EXCHANGED = 3  # times at most
 _KEPT = 512  # templates
 _PARALLEL = 0.02  # of a template's power that counts, however much of it an explanation may follow
@@ -369,23 +370,32 @@ class Search(Fitting):
             for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
                 if other is None or not self.credible(other, template):
                     continue
-                if other.keys == fitted.keys and other.misfit > fitted.misfit - RIVAL:
-                    continue  # the same
+                if other.keys == fitted.keys and self._apart(other, fitted) < _SAME:
+                    continue
                 known = found.get(other.keys)
                 if known is None or other.misfit < known.misfit:
                     found[other.keys] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
 
+    def _apart(self, one: Fitted, other: Fitted) -> float:
+        """Return the squared distance between what two explanations add."""
+        return float(np.sum(((one.template - other.template) * self._weight) ** 2))
+
     def _substitutes(self, rest: Fitted, least: float) -> list[tuple[Candidate, dict]]:
         """Return the places of few kinds of effects that promise at least so much beside the rest."""
         residual = self.comparison.residual - rest.template
         found: list[tuple[Candidate, dict]] = []
-        tried: dict[tuple, int] = {}
+        tried: dict[tuple, list[np.ndarray]] = {}
         for gain, candidate, values in self._promising(residual, {e.key for e in rest.effects}, self.freedom(rest)):
             if gain < least or len(tried) >= _FEW:
                 break
-            if tried.get(candidate.key, 0) < _PLACES:
-                tried[candidate.key] = tried.get(candidate.key, 0) + 1
+            there = tried.setdefault(candidate.key, [])
+            if len(there) >= _PLACES:
+                continue
+            template = self._unit(candidate, values) * self._weight
+            template /= max(float(np.linalg.norm(template)), _NOTHING)
+            if all(abs(float(template @ other)) < _ALIKE for other in there):
+                there.append(template)
                 found.append((candidate, values))
         return found
 
