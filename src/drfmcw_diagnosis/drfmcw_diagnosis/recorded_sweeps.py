@@ -6,6 +6,7 @@ import numpy as np
 
 from drfmcw_node.estimation import Flag
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import beat_frequency
 
 from .dataset import Dataset
 from .features import Extractor, SweepFeatures
@@ -103,13 +104,25 @@ class RecordedSweeps:
         Neither are few of them far weaker than the others: something stood in the way.
         """
         sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
-        clear = np.all((sweeps.line > _NEAREST_LINE) & (sweeps.line < rate / 2 - _NEAREST_LINE), axis=1)
+        # a line that is expected beyond the Nyquist frequency folds back into the ramp's band
+        lines = np.concatenate([sweeps.line, self._expected_lines(group)[None]])
+        clear = np.all((lines > _NEAREST_LINE) & (lines < rate / 2 - _NEAREST_LINE), axis=1)
+        clear = clear[:-1] & clear[-1]
         error = sweeps.range - self.data.distance[self.members[group]]
         error = np.abs(error - np.median(error))
         clear &= error < max(_ASTRAY, _ASTRAY_SPREADS * float(np.median(error)))
         apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
         faded = np.any(apart > np.maximum(_FADED, _FADED_SPREADS * np.median(apart, axis=0)), axis=1)
         return clear & ~(faded & (np.mean(faded) < _FADED_SHARE))
+
+    def _expected_lines(self, group: int) -> np.ndarray:
+        """Return where the nominal model has a group's lines (S,) [Hz]."""
+        part = next(p for p in self.parts if group in p.groups)
+        delay = float(part.steady.paths[0].delay[part.groups == group][0])
+        sweeps, calibrated = part.extract.sweeps, self.data.calibration
+        return np.array(
+            [beat_frequency(sweeps[i], delay, calibrated[i].alpha, calibrated[-1 - i].alpha) for i in self.heard]
+        )
 
     def _part(self, setting: int) -> Part:
         """Return the groups of one setting and their nominal conditions."""
