@@ -27,28 +27,28 @@ _CLEAR = 16  # bins of both sidebands from 0 Hz and from the Nyquist frequency
 
 @dataclasses.dataclass(frozen=True)
 class Sidebands:
-    """Which sidebands of both lines are compared in a group, over F offsets."""
+    """Which sidebands of both lines are compared in a group, or in each of several (...), over F offsets."""
 
     offset: np.ndarray  # (F,) [Hz]
-    upper: np.ndarray  # (2, F) those of each station within its spectrum
-    lower: np.ndarray  # (2, F)
+    upper: np.ndarray  # (..., 2, F) those of each station within its spectrum
+    lower: np.ndarray  # (..., 2, F)
     edges: np.ndarray  # (OFFSETS + 1,) first offset of each band and the end
-    present: np.ndarray  # (OFFSETS,) bands in which both stations have one
+    present: np.ndarray  # (..., OFFSETS) bands in which both stations have one
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """Return sums over each band (..., OFFSETS) of a spectrum (..., F), over offsets at which both have one."""
-        both = np.all(self.upper | self.lower, axis=0)
+        both = np.all(self.upper | self.lower, axis=-2)
         return np.add.reduceat(np.where(both, values, 0.0), self.edges[:-1], axis=-1)
 
 
 def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
-    """Return which sidebands are compared where lines stand at `line` (2,) [Hz]."""
+    """Return which sidebands are compared where lines stand at `line` (..., 2) [Hz]."""
     width = sweep.sample_rate / sweep.sample_count
     offset = np.arange(_NEAREST, int(FARTHEST * sweep.sample_count)) * width
-    upper = line[:, None] + offset < sweep.sample_rate / 2 - _CLEAR * width
-    lower = line[:, None] - offset > _CLEAR * width
+    upper = line[..., None] + offset < sweep.sample_rate / 2 - _CLEAR * width
+    lower = line[..., None] - offset > _CLEAR * width
     edges = np.linspace(0, len(offset), OFFSETS + 1).astype(int)
-    present = np.add.reduceat(np.all(upper | lower, axis=0).astype(int), edges[:-1]) >= _NEAREST
+    present = np.add.reduceat(np.all(upper | lower, axis=-2).astype(int), edges[:-1], axis=-1) >= _NEAREST
     return Sidebands(offset, upper, lower, edges, present)
 
 
@@ -97,30 +97,31 @@ def predicted(
     oscillators: np.ndarray,
     floors: np.ndarray,
     responses: np.ndarray,
-    delay: float,
+    delay: np.ndarray | float,
 ) -> np.ndarray:
-    """Return the imaginary coherence of a group (OFFSETS,), 0 in bands that are not present.
+    """Return the imaginary coherence of groups (..., OFFSETS), 0 in bands that are not present.
 
     Args:
         used: sidebands compared.
         oscillators: densities of both oscillators' phase noise in one sideband (2, F) [1/Hz].
-        floors: density of additive noise over the line's power (2, upper and lower, F) [1/Hz].
-        responses: by which each receiver passes a sideband, over the line (2, upper and lower, F), complex.
-        delay: of the path [s].
+        floors: density of additive noise over the line's power (..., 2, upper and lower, F) [1/Hz].
+        responses: by which each receiver passes a sideband, over the line (..., 2, upper and lower, F), complex.
+        delay: of the path (...) [s].
     """
-    there = np.stack([used.upper, used.lower], axis=1)
+    there = np.stack([used.upper, used.lower], axis=-2)
     # the lower sideband is the conjugate of the phase's spectrum
-    passed = np.stack([responses[:, 0], responses[:, 1].conj()], axis=1)
-    response = np.sum(np.where(there, passed, 0.0), axis=1)
+    passed = np.stack([responses[..., 0, :], responses[..., 1, :].conj()], axis=-2)
+    response = np.sum(np.where(there, passed, 0.0), axis=-2)
     s_1, s_2 = oscillators
-    power = (s_1 + s_2) * np.abs(response) ** 2 + np.sum(np.where(there, floors, 0.0), axis=1)
-    turn = np.exp(2j * np.pi * delay * used.offset)
-    cross = -(s_1 * turn + s_2 / turn) * response[0] * response[1].conj()
-    return _imaginary(used, (cross / np.sqrt(np.maximum(power[0] * power[1], 1e-60)))[None])[0]
+    power = (s_1 + s_2) * np.abs(response) ** 2 + np.sum(np.where(there, floors, 0.0), axis=-2)
+    one, two = response[..., 0, :], response[..., 1, :]
+    turn = np.exp(2j * np.pi * np.asarray(delay)[..., None] * used.offset)
+    cross = -(s_1 * turn + s_2 / turn) * one * two.conj()
+    return _imaginary(used, (cross / np.sqrt(np.maximum(power[..., 0, :] * power[..., 1, :], 1e-60)))[None])[0]
 
 
 def _imaginary(used: Sidebands, cross: np.ndarray) -> np.ndarray:
-    """Return shares in the imaginary coherence (n, OFFSETS) by cross spectra of phases of unit power (n, F).
+    """Return shares in the imaginary coherence (n, ..., OFFSETS) by cross spectra of phases of unit power (n, ..., F).
 
     Over the root of the mean powers of both phases' sum and difference; 0 in bands that are not present.
     """

@@ -17,7 +17,7 @@ from .recorded_sweeps import RecordedSweeps
 
 _FLUTTER_SPREAD = 1.025  # by which the median of so few widens the spread of what is compared with it
 _LARGEST = 1e4  # whitened residual beyond which a number says no more
-_OF_PATH = ('coherence', 'beat', 'range', 'velocity', 'movement')  # kinds of number that belong to no single station
+_OF_PATH = ('coherence', 'beat', 'range', 'velocity')  # kinds of number that belong to no single station
 _SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
 _KIND = 'U9'  # the longest name
 
@@ -60,59 +60,76 @@ class Comparison:
         self.measured, self.plain = found.values, self._model.plain
         limit = self._model.noise.limit(self.plain.noise)
         self.std = dataclasses.replace(found.std, noise=np.hypot(found.std.noise, limit))
-        self._recorded, self._quiet = recorded, found.quiet
+        self._recorded, self._quiet = recorded, np.array(found.quiet)
         self.entries = self._layout()
         self.residual = self._vector(self.measured)
 
-    def _blocks(self, values: Groups, g: int) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield what a group holds beyond the plain model, over its deviations: (kind, (stations, positions)).
+    def _blocks(self, values: Groups) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield what groups hold beyond the plain model, over its deviations: (kind, (G, stations, positions)).
 
         One row stands for the path, else there is one of each station with samples, or of each of the ramp's channels.
         """
-        count, start = len(self.members[g]), int(self._starts[g])
-        inside = slice(start, start + count)
 
         def over(name: str) -> np.ndarray:
-            return (getattr(values, name)[g] - getattr(self.plain, name)[g]) / getattr(self.std, name)[g]
+            return (getattr(values, name) - getattr(self.plain, name)) / getattr(self.std, name)
 
         yield 'ramp', over('ramp')
-        freedom = max((count - 1) / 2, 0.5)
-        fluttering = (gaussian(values.flutter[g], freedom) - gaussian(np.ones(1), freedom)) / _FLUTTER_SPREAD
-        compared = (np.arange(fluttering.shape[1]) >= STEADY) & self._recorded.scatters & self.standing[g]
-        yield 'flutter', np.where(compared, fluttering, 0.0)
-        quiet = self._quiet[g][:, None]
-        lines = gaussian(values.lines[g], quiet) - gaussian(np.ones(1), quiet)
-        yield 'lines', np.where(self._compared_lines[g], lines, 0.0)
+        freedom = self._freedom[:, None, None]
+        fluttering = (gaussian(values.flutter, freedom) - gaussian(np.ones(1), freedom)) / _FLUTTER_SPREAD
+        yield 'flutter', np.where(self._compared_flutter, fluttering, 0.0)
+        quiet = self._quiet[..., None]
+        lines = gaussian(values.lines, quiet) - gaussian(np.ones(1), quiet)
+        yield 'lines', np.where(self._compared_lines, lines, 0.0)
         yield 'mean', over('mean')
         yield 'harmonic', np.nan_to_num(over('harmonic'))
         yield 'burst', over('burst')
         yield 'noise', np.nan_to_num(over('noise'))
-        yield 'coherence', over('coherence')[None]
-        yield 'beat', np.reshape(over('beat'), (1, 1))
-        yield 'amplitude', over('amplitude')[:, None]
-        yield 'range', np.reshape(over('range'), (1, 1))
-        yield 'velocity', np.reshape(over('velocity'), (1, 1))
-        moved = (values.movement[inside] - self.plain.movement[inside]) / self.std.movement[inside]
-        yield 'movement', moved[None]
+        yield 'coherence', over('coherence')[:, None]
+        yield 'beat', over('beat')[:, None, None]
+        yield 'amplitude', over('amplitude')[..., None]
+        yield 'range', over('range')[:, None, None]
+        yield 'velocity', over('velocity')[:, None, None]
 
     def _layout(self) -> Entries:
         """Return what each number of the vector is."""
-        parts: list[tuple[np.ndarray, ...]] = []
-        bins = self.measured.lines.shape[-1]
+        counts = np.array([len(m) for m in self.members])
+        self._freedom = np.maximum((counts - 1) / 2, 0.5)
+        bins, terms = self.measured.lines.shape[-1], np.arange(self.measured.flutter.shape[-1])
         self._compared_lines = np.stack([~self._recorded.bands.at_line(s.line.mean(axis=0), bins) for s in self.sweeps])
-        self._starts = np.cumsum([0, *map(len, self.members)])
-        for g, members in enumerate(self.members):
-            for kind, block in self._blocks(self.measured, g):
-                rows, columns = block.shape
-                station = np.repeat([-1] if kind in _OF_PATH else np.arange(rows), columns)
-                position = np.tile(members if kind == 'movement' else np.arange(columns), rows)
-                parts.append((np.full(block.size, kind, _KIND), station, np.full(block.size, g), position))
-        return Entries(*map(np.concatenate, zip(*parts, strict=True)))
+        self._compared_flutter = self.standing[:, None, None] & (terms >= STEADY) & self._recorded.scatters
+        columns: list[tuple[np.ndarray, ...]] = []
+        for kind, block in self._blocks(self.measured):
+            _, rows, width = block.shape
+            station = np.repeat([-1] if kind in _OF_PATH else np.arange(rows), width)
+            columns.append((np.full(rows * width, kind, _KIND), station, np.tile(np.arange(width), rows)))
+        kinds, stations, positions = map(np.concatenate, zip(*columns, strict=True))
+        # the vector goes group by group, what each has alike and then its sweeps' movements
+        starts = np.cumsum([0, *(len(kinds) + counts[:-1])])
+        self._alike = starts[:, None] + np.arange(len(kinds))
+        self._moved = np.concatenate(
+            [start + len(kinds) + np.arange(n) for start, n in zip(starts, counts, strict=True)]
+        )
+
+        def of_vector(alike: np.ndarray, moved: np.ndarray) -> np.ndarray:
+            result = np.empty(self._alike.size + self._moved.size, alike.dtype)
+            result[self._alike], result[self._moved] = alike, moved
+            return result
+
+        moved = len(self._moved)
+        return Entries(
+            of_vector(kinds, np.full(moved, 'movement', _KIND)),
+            of_vector(stations, np.full(moved, -1)),
+            of_vector(np.arange(len(counts))[:, None], np.repeat(np.arange(len(counts)), counts)),
+            of_vector(positions, np.concatenate(self.members)),
+        )
 
     def _vector(self, values: Groups) -> np.ndarray:
         """Return features less those of the plain model, over their standard deviations."""
-        parts = [block.ravel() for g in range(len(self.members)) for _, block in self._blocks(values, g)]
-        return np.clip(np.concatenate(parts), -_LARGEST, _LARGEST)
+        result = np.empty(len(self.entries.kind))
+        blocks = [block.reshape(len(block), -1) for _, block in self._blocks(values)]
+        result[self._alike] = np.concatenate(blocks, axis=1)
+        result[self._moved] = (values.movement - self.plain.movement) / self.std.movement
+        return np.clip(result, -_LARGEST, _LARGEST)
 
     def predict(self, effects: Sequence[Effect]) -> Groups:
         """Return the features that the model with `effects` predicts."""

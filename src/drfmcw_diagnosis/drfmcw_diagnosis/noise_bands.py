@@ -23,7 +23,7 @@ class NoiseBands:
         self._rate, self._window_power = rate, np.array(window_power)
 
     def at_line(self, line: np.ndarray, bins: int) -> np.ndarray:
-        """Return which bins (S, B) are left to the features of the lines themselves; `line` (S,) [Hz]."""
+        """Return which bins (..., B) are left to the features of the lines themselves; `line` (...) [Hz]."""
         return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
 
     def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,20 +56,21 @@ class NoiseBands:
         """Return what the medians of bands show with lines added [dB of 1 LSB^2 per sample], and the noise in each bin.
 
         Args:
-            quiet: noise in bands (S, BANDS) [dB of 1 LSB^2 per sample].
-            added: power of lines in each bin (S, B) [LSB^2].
-            line: of each station (S,) [Hz].
+            quiet: noise in bands, of each group (G, S, BANDS) [dB of 1 LSB^2 per sample].
+            added: power of lines in each bin (G, S, B) [LSB^2].
+            line: of each station (G, S) [Hz].
         """
         bins = added.shape[-1]
         edges = _edges(bins)
         power = self._window_power[:, None]
-        floor = np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=1)
-        shown, noise = np.where(self.at_line(line, bins), np.nan, floor + added), quiet.copy()
-        noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=1) > _NOTICED
-        for station, band in zip(*np.nonzero(noticed), strict=True):
-            inside = shown[station, edges[band] : edges[band + 1]]
+        noise, floor = quiet.copy(), np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=-1)
+        noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=-1) > _NOTICED
+        if noticed.any():
+            shown = np.where(self.at_line(line, bins), np.nan, floor + added)
+        for group, station, band in zip(*np.nonzero(noticed), strict=True):
+            inside = shown[group, station, edges[band] : edges[band + 1]]
             if np.isfinite(inside).any():
-                noise[station, band] = 10.0 * np.log10(np.nanmedian(inside) / power[station, 0])
+                noise[group, station, band] = 10.0 * np.log10(np.nanmedian(inside) / power[station, 0])
         return noise, floor
 
 

@@ -1,5 +1,6 @@
 """The features that the simulator's forward model predicts for a recording's groups, with effects or without."""
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 
@@ -11,7 +12,7 @@ from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements
 
 from .features import mean_power, quiet_sweeps, ramp_spectrum, unevenness
-from .groups import Groups, Part, joined
+from .groups import Groups, Part
 from .noise_model import NoiseModel
 from .recorded_sweeps import RecordedSweeps
 from .simulated_sweeps import DISTORTED, SimulatedSweeps, acted
@@ -33,10 +34,14 @@ class Predictor:
         self._recorded, self._std = recorded, std
         self._simulated = SimulatedSweeps(recorded)
         self.noise = NoiseModel(recorded, np.isfinite(std.coherence).any(axis=1))
+        # what there is without any effect, and what noise makes of it, by the first group of a part
         self._plain_power: dict[int, np.ndarray] = {}
-        # what noise makes without any effect, by the first group of a part
         self._undistorted: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        # where the parts' groups and their sweeps stand, part after part
+        group = np.concatenate([part.groups for part in recorded.parts])
+        self._group_order = np.argsort(group)
+        self._sweep_order = np.argsort(np.repeat(group, [len(recorded.members[g]) for g in group]), kind='stable')
         self.plain = self.predict(())
 
     def predict(self, effects: Sequence[Effect]) -> Groups:
@@ -45,7 +50,7 @@ class Predictor:
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 a predictor lives as long as its predictions are wanted
     def _predict(self, effects: tuple[Effect, ...]) -> Groups:
-        found: list[Groups] = [None] * len(self._recorded.members)
+        found: list[Groups] = []
         for part in self._recorded.parts:
             state = acted(part, effects)
             features = self._simulated.mean(part, [e for e in effects if not e.bursts()])
@@ -64,34 +69,40 @@ class Predictor:
                 burst, louder = self._bursts(part, effects)
                 quiet = quiet + louder
             if not effects:
-                self._plain_power |= dict(zip(part.groups.tolist(), features.power, strict=True))
-            for row, g in enumerate(part.groups.tolist()):
-                added = np.maximum(features.power[row] - self._plain_power[g], 0.0).astype(float)
-                added[self._recorded.bands.at_line(features.line[row], added.shape[-1])] = 0.0
-                noise, floor = self._recorded.bands.raised(quiet[row], added, features.line[row])
-                around = np.ones(added.shape)
-                if distorting:
-                    noise = self.plain.noise[g] + changed[row]
-                    # where harmonics raise the median around, the noise itself is what they add to
-                    raised = self._std.lines[g] > _RAISED * floor
-                    raised[~np.any(added > floor, axis=1)] = False
-                    around[raised] = (floor / self._std.lines[g])[raised]
-                found[g] = Groups(
-                    ramp_spectrum(features.ramp[row]),
-                    np.ones(self._std.flutter.shape[1:]),
-                    around + added / self._std.lines[g],
-                    features.mean[row],
-                    harmonic[row],
-                    burst[row],
+                self._plain_power[int(part.groups[0])] = features.power
+            added = np.maximum(features.power - self._plain_power[int(part.groups[0])], 0.0).astype(float)
+            added[self._recorded.bands.at_line(features.line, added.shape[-1])] = 0.0
+            noise, floor = self._recorded.bands.raised(quiet, added, features.line)
+            around, steady = np.ones(added.shape), self._std.lines[part.groups]
+            if distorting:
+                noise = self.plain.noise[part.groups] + changed
+                # where harmonics raise the median around, the noise itself is what they add to
+                raised = (steady > _RAISED * floor) & np.any(added > floor, axis=-1, keepdims=True)
+                around[raised] = (floor / steady)[raised]
+            found.append(
+                Groups(
+                    ramp_spectrum(features.ramp),
+                    np.ones((len(part.groups), *self._std.flutter.shape[1:])),
+                    around + added / steady,
+                    features.mean,
+                    harmonic,
+                    burst,
                     noise,
-                    shared[row],
-                    features.beat[row],
-                    features.amplitude[row],
-                    features.range[row] - reference[row],
-                    velocity[row],
-                    displacement[row],
+                    shared,
+                    features.beat,
+                    features.amplitude,
+                    features.range - reference,
+                    velocity,
+                    displacement,
                 )
-        return joined(found)
+            )
+        return self._joined(found)
+
+    def _joined(self, found: Sequence[Groups]) -> Groups:
+        """Return the features of the parts' groups as those of all groups in their order."""
+        values = {f.name: np.concatenate([getattr(g, f.name) for g in found]) for f in dataclasses.fields(Groups)}
+        movement = values.pop('movement')[self._sweep_order]
+        return Groups(**{name: each[self._group_order] for name, each in values.items()}, movement=movement)
 
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
@@ -167,12 +178,12 @@ class Predictor:
                 effect.prepare(driven)
         return driven.velocity
 
-    def _displacement(self, part: Part, effects: Sequence[Effect]) -> list[np.ndarray]:
-        """Return the movement within each group beyond what the reference shows [m], (n of group,) each."""
+    def _displacement(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the movement within each group beyond what the reference shows [m], one group after another."""
         # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
         moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
         if not moving:
-            return [np.zeros(len(local)) for local in part.local]
+            return np.zeros(len(part.all))
         moved = part.all.rows(slice(None))
         for effect in moving:
             effect.prepare(moved)
@@ -180,4 +191,4 @@ class Predictor:
         creep = (self._velocity(part.all, effects) - part.all.velocity) * part.all.time
         creeps = self._recorded.standing[part.groups]  # slower than the reference could show
         ways = [way[local] + (creep[local] if slow else 0.0) for local, slow in zip(part.local, creeps, strict=True)]
-        return [w - w.mean() for w in ways]
+        return np.concatenate([w - w.mean() for w in ways])
