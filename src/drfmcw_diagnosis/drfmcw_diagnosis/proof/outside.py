@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from .generator import Scene, Stage, Stream
+from .generator import Scene, Stage
 from .kinds import KINDS, Parameters, Size, deviate, kind, linear
+
+_FAN, _DITHER = 3, 4  # streams of random numbers, as the registered effects have theirs
 
 
 def _outside(name: str, of: str, units: Mapping[str, str], size: Size) -> Callable[[Any], Any]:
@@ -72,11 +74,12 @@ def _fan_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters) -> N
     """A fan's blades, or a pulsed supply, take a share of the amplitude in pulses of their own phase."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        start = np.array([scene.stream(Stream.EFFECT, 3, station, int(row)).random() for row in rows])
+        start = scene.own_phase(_FAN, station, rows)
         turn = p['rate'] * scene.step(station)[rows, None] * np.arange(x.shape[1]) + start[:, None]
         return (x * (1.0 - p['depth'] * (np.mod(turn, 1.0) < p['duty']))).astype(x.dtype)
 
     for s in stations:
+        scene.own_phases.append((_FAN, s))
         scene.analogue[s].append((Stage.AMPLIFIER, hook))
 
 
@@ -110,11 +113,12 @@ def _adc_dither(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """Triangular dither of the converter that nobody subtracts, its start anywhere."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        start = np.array([scene.stream(Stream.EFFECT, 4, station, int(row)).random() for row in rows])
+        start = scene.own_phase(_DITHER, station, rows)
         turn = np.mod(np.arange(x.shape[1]) / p['period'] + start[:, None], 1.0)
         return (x + p['amplitude'] * (4.0 * np.abs(turn - 0.5) - 1.0)).astype(x.dtype)
 
     for s in stations:
+        scene.own_phases.append((_DITHER, s))
         scene.analogue[s].append((Stage.LIMITER, hook))
 
 

@@ -7,6 +7,9 @@ import numpy as np
 from .generator import Motion, Ray, Scene, Stage, Stream
 from .kinds import KINDS, Parameters, Size, decibel, deviate, full_scale, kind, linear
 
+_BURST, _SPUR = 1, 2  # streams of random numbers
+
+
 # --- clocks ---
 
 
@@ -192,7 +195,7 @@ def _interference_burst(scene: Scene, stations: tuple[int, ...], p: Parameters) 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
         x = x.copy()
         for i, row in enumerate(rows):
-            random = scene.stream(Stream.EFFECT, 1, station, int(row))
+            random = scene.stream(Stream.EFFECT, _BURST, station, int(row))
             hit, place = random.random(2)
             if hit < p['probability']:
                 t = np.arange(x.shape[1]) - place * x.shape[1]
@@ -223,12 +226,13 @@ def _tx_leakage(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
 @kind('spur', 'station', {'frequency': 'Hz', 'level': 'dBFS'}, decibel('level', -90.0, -130.0, -20.0))
 def _spur(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        start = np.array([scene.stream(Stream.EFFECT, 2, station, int(row)).random() for row in rows])
+        start = scene.own_phase(_SPUR, station, rows)
         u = scene.step(station)[rows, None] * np.arange(x.shape[1])
         line = np.cos(2.0 * math.pi * (p['frequency'] * u + start[:, None]))
         return x + (full_scale(scene, p['level']) * line).astype(x.dtype)
 
     for s in stations:
+        scene.own_phases.append((_SPUR, s))
         scene.analogue[s].append((Stage.INPUT, hook))
 
 
