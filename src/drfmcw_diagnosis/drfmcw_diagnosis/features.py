@@ -28,9 +28,9 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import median_filter
 
+from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
 from drfmcw_fusion.combination import Station as Share
-from drfmcw_fusion.combination import combine
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimation import Estimates, EstimatorSettings
 from drfmcw_node.pair import PairEstimator, SingleEstimator
 from drfmcw_node.processing import Beat
 from drfmcw_node.spectral import window_samples
@@ -87,9 +87,10 @@ class SweepFeatures:
     beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
-    range_std: np.ndarray  # (n,) as fusion reports it [m]
-    carrier: np.ndarray  # (n,) phase that tells a movement: sum of both, or that of a station that hears itself [rad]
-    phase_std: np.ndarray  # (n,) of it, by additive noise and mirror lines [rad]
+    range_std: np.ndarray  # (n,) or (n, 0), as fusion reports it [m]
+    # phase that tells a movement: sum of both, or that of a station that hears itself (n,) or (n, 0) [rad]
+    carrier: np.ndarray
+    phase_std: np.ndarray  # (n,) or (n, 0) of it, by additive noise and mirror lines [rad]
 
 
 class Extractor:
@@ -143,6 +144,7 @@ class Extractor:
         index: np.ndarray,
         harmonic: bool = True,
         quiet: bool = True,
+        noisy: bool = True,
     ) -> SweepFeatures:
         """Return the features of sweeps.
 
@@ -152,10 +154,12 @@ class Extractor:
             index: refractive index of the air (n,).
             harmonic: take the harmonics, which are (n, S, 0) else.
             quiet: take the power without the line, which is (n, S, 0) else.
+            noisy: take what the noise of range and carrier is told by, and the carrier, which are (n, 0) else.
         """
         taken = tuple(f for f, wanted in ((self._harmonics, harmonic), (self._without_line, quiet)) if wanted)
         parts = [
-            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken) for i in range(0, len(samples[0]), 64)
+            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy)
+            for i in range(0, len(samples[0]), 64)
         ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
         ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std, *rest = found
@@ -174,7 +178,7 @@ class Extractor:
             beat=beat,
             amplitude=amplitude,
             range=(delay - hardware) * velocity,
-            range_std=std * velocity,
+            range_std=(std.T * velocity).T,
             carrier=carrier,
             phase_std=phase_std,
         )
@@ -211,74 +215,75 @@ class Extractor:
         return coherence.measured(samples, sweeps.line, chirp, later, self._weights, self.sweeps)
 
     def _chunk(
-        self, samples: tuple[np.ndarray, ...], full_scale: float, taken: Sequence[Callable[..., np.ndarray]]
+        self,
+        samples: tuple[np.ndarray, ...],
+        full_scale: float,
+        taken: Sequence[Callable[..., np.ndarray]],
+        noisy: bool,
     ) -> tuple[np.ndarray, ...]:
         """Return the feature arrays of a chunk, those that take single stations' samples last; delays, not ranges."""
         n = len(samples[0])
-        estimates, base = self.estimator.with_basebands(samples, full_scale)
+        if noisy:
+            estimates, base = self.estimator.with_basebands(samples, full_scale)
+            told = self._noisy(estimates)
+        else:
+            base = self.estimator.basebands(samples)
+            told = (np.zeros((n, 0)),) * 3
         self.time = base.time[0]
-        logs, phases, levels = [], [], []
+        log = np.log(np.maximum(np.abs(base.lines), 1e-9))
+        level = log.mean(axis=-1)
+        t = (base.time - base.time.mean(axis=-1, keepdims=True))[:, None]
+        phase = np.unwrap(np.angle(base.lines), axis=-1)
+        phase -= phase.mean(axis=-1, keepdims=True)
+        phase -= (phase * t).sum(axis=-1, keepdims=True) / (t * t).sum(axis=-1, keepdims=True) * t
         per_baseband = 1.0 if self.iq else 2.0  # a real line has its other half at negative frequency
-        for lines, time in zip(base.lines, base.time, strict=True):
-            log = np.log(np.maximum(np.abs(lines), 1e-9))
-            t = time - time.mean()
-            phase = np.unwrap(np.angle(lines), axis=1)
-            phase -= phase.mean(axis=1)[:, None]
-            phase -= ((phase @ t) / (t @ t))[:, None] * t
-            levels.append(20.0 / np.log(10.0) * log.mean(axis=1) + 20.0 * np.log10(per_baseband))
-            logs.append(log - log.mean(axis=1)[:, None])
-            phases.append(phase)
         parts = 2 if self.iq else 1
-        common = (
-            np.stack(base.power, axis=1),
-            np.stack([e.frequency for e in estimates], axis=1),
-            np.stack(
-                [
-                    np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
-                    for x, w in zip(samples, self._weights, strict=True)
-                ],
-                axis=1,
-            ),
-        )
+        means = [
+            np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
+            for x, w in zip(samples, self._weights, strict=True)
+        ]
+        stations = self.estimator.stations
         of_stations = tuple(
             np.stack(
                 [
-                    take(_complex(x, self.iq), e.frequency, w, s.sweep)
-                    for x, e, w, s in zip(samples, estimates, self._weights, self.estimator.stations, strict=True)
+                    take(_complex(x, self.iq), at, w, s.sweep)
+                    for x, at, w, s in zip(samples, base.beat, self._weights, stations, strict=True)
                 ],
                 axis=1,
             )
             for take in taken
         )
         if len(self.heard) == 1:
-            (only,) = estimates
-            own, station = self.heard[0], self.sweeps[self.heard[0]]
-            delay = delay_of_one(station, only.frequency, self.calibrations[own], self.calibrations[-1 - own])
-            return (
-                np.stack([*logs, *phases], axis=1),
-                *common,
-                only.frequency,
-                np.stack(levels, axis=1),
-                delay,
-                only.frequency_std / abs(station.chirp_rate),
-                only.phase,
-                only.independent_std * self.phase_per_frequency,
-                *of_stations,
-            )
-        one, two = phases[0], self.sign * phases[1]
-        first, second = estimates
-        paths = [self._path(estimates, row) for row in range(n)]
+            phases, beat = phase, base.beat[0]
+            own = self.heard[0]
+            delay = delay_of_one(self.sweeps[own], beat, self.calibrations[own], self.calibrations[-1 - own])
+        else:
+            one, two = phase[0], self.sign * phase[1]
+            phases = np.array([(one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)])
+            beat = base.beat[0] + self.sign * base.beat[1]
+            delay = delay_on_true_clocks(self.sweeps, self.calibrations, base.beat)
         return (
-            np.stack([*logs, (one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)], axis=1),
-            *common,
-            first.frequency + self.sign * second.frequency,
-            np.stack(levels, axis=1),
-            np.array([p.delay for p in paths]),
-            np.array([p.std for p in paths]),
-            np.array([p.carrier_phase for p in paths]),
-            np.hypot(first.independent_std, second.independent_std) * self.phase_per_frequency,
+            np.concatenate([log - level[..., None], phases]).swapaxes(0, 1),
+            np.stack(base.power, axis=1),
+            base.beat.T,
+            np.stack(means, axis=1),
+            beat,
+            20.0 / np.log(10.0) * level.T + 20.0 * np.log10(per_baseband),
+            delay,
+            *told,
             *of_stations,
         )
+
+    def _noisy(self, estimates: Sequence[Estimates]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return of each sweep the delay's standard deviation [s], the carrier's phase and its deviation [rad]."""
+        independent = np.sqrt(sum(e.independent_std**2 for e in estimates))
+        if len(estimates) == 1:
+            (only,) = estimates
+            std, carrier = only.frequency_std / abs(self.sweeps[self.heard[0]].chirp_rate), only.phase
+        else:
+            paths = [self._path(estimates, row) for row in range(len(independent))]
+            std, carrier = np.array([p.std for p in paths]), np.array([p.carrier_phase for p in paths])
+        return std, carrier, independent * self.phase_per_frequency
 
     def _harmonics(
         self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
@@ -333,8 +338,8 @@ class Extractor:
         clear = expected > _SPAN_SHARE
         return power[:, clear] / expected[clear]
 
-    def _path(self, estimates, row: int):
-        """Return the combined delay of one sweep pair."""
+    def _path(self, estimates: Sequence[Estimates], row: int) -> PathDelay:
+        """Return what fusion makes of one sweep pair."""
         shares = []
         for sweep, calibration, e in zip(self.sweeps, self.calibrations, estimates, strict=True):
             values = (e.frequency[row], e.frequency_std[row], e.phase[row], e.power[row], e.snr[row])

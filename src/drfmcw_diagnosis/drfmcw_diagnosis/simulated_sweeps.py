@@ -104,7 +104,7 @@ class SimulatedSweeps:
         samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
         full_scale = rows.stations[self._recorded.heard[0]].full_scale
-        return part.extract(heard, full_scale, rows.refractive_index, harmonic, noise)
+        return part.extract(heard, full_scale, rows.refractive_index, harmonic, noise, noisy=False)
 
     def _times(self, group: int, count: int) -> np.ndarray:
         """Return times spread over a group's sweeps, from their mean [s] (count,)."""

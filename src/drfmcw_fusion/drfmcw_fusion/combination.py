@@ -4,6 +4,8 @@ import dataclasses
 import functools
 import math
 
+import numpy as np
+
 from drfmcw_node.processing import Beat
 from drfmcw_physics import bounds
 from drfmcw_physics.oscillators import Calibration, delay_from_beat_sum
@@ -55,13 +57,9 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
     center = sweep.window_center()
     delay = uncorrected
     if alpha_correction:
-        a1, a2 = first.calibration.alpha, second.calibration.alpha
-        b1, b2 = first.calibration.sample_clock_alpha, second.calibration.sample_clock_alpha
-        true_sum = sweep.line_sign() * (b1 * first.beat.frequency - sign * b2 * second.beat.frequency)
-        gap = center / b1 - second.sweep.window_center() / b2 - sweep.start_delay
-        true_sum -= (a1**2 - a2**2) * k * gap
-        delay = delay_from_beat_sum(true_sum, k, a1, a2)
-        center = center / b1
+        sweeps, calibrations = (first.sweep, second.sweep), (first.calibration, second.calibration)
+        delay = delay_on_true_clocks(sweeps, calibrations, (first.beat.frequency, second.beat.frequency))
+        center = center / first.calibration.sample_clock_alpha
     return PathDelay(
         uncorrected=uncorrected,
         delay=delay,
@@ -70,6 +68,21 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
         center_time=center,
         center_frequency=sweep.start_frequency + k * center,
     )
+
+
+def delay_on_true_clocks(
+    sweeps: tuple[SweepSettings, SweepSettings],
+    calibrations: tuple[Calibration, Calibration],
+    frequency: tuple[np.ndarray | float, np.ndarray | float],
+) -> np.ndarray | float:
+    """Return the delay of the whole path by both beat frequencies [Hz], clocks corrected as in `combine` [s]."""
+    first, second = sweeps
+    a1, a2 = (c.alpha for c in calibrations)
+    b1, b2 = (c.sample_clock_alpha for c in calibrations)
+    true_sum = first.line_sign() * (b1 * frequency[0] - second.line_sign() * first.line_sign() * b2 * frequency[1])
+    gap = first.window_center() / b1 - second.window_center() / b2 - first.start_delay
+    true_sum -= (a1**2 - a2**2) * first.chirp_rate * gap
+    return delay_from_beat_sum(true_sum, first.chirp_rate, a1, a2)
 
 
 def own_path(station: Station, alpha_correction: bool = True) -> PathDelay:

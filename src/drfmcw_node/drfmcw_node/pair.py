@@ -32,38 +32,39 @@ _ROUNDS = 3  # of mirror line and constant against a line whose chirp is not kno
 
 @dataclasses.dataclass(frozen=True)
 class Basebands:
-    """Lines in blocks of a sweep, demodulated; one entry per station."""
+    """Lines in blocks of a sweep, demodulated, of S stations."""
 
-    lines: tuple[np.ndarray, ...]  # (B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, at the block's centre
-    frequency: tuple[np.ndarray, ...]  # of the demodulation (B,) [Hz]
-    time: tuple[np.ndarray, ...]  # of the blocks (K,), since the station's own sweep start [s]
-    power: tuple[np.ndarray, ...]  # squared magnitude of the Hann-windowed sweep's bins (B, bins)
+    lines: np.ndarray  # (S, B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, at the block's centre
+    frequency: np.ndarray  # of the demodulation (S, B) [Hz]
+    time: np.ndarray  # of the blocks (S, K), since the station's own sweep start [s]
+    power: tuple[np.ndarray, ...]  # squared magnitude of the Hann-windowed sweep's bins, of each station (B, bins)
+    beat: np.ndarray  # frequency of each line (S, B) [Hz]
 
 
 @dataclasses.dataclass(frozen=True)
 class _Demodulated:
-    """One station's sweeps times exp(-j psi), in blocks."""
+    """The stations' sweeps times exp(-j psi), in blocks."""
 
-    line: np.ndarray  # (B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, mirror line and constant leaking in
-    mirror: np.ndarray | None  # what a mirror line of amplitude 1 leaks (B, K), None for quadrature samples
-    constant: np.ndarray  # what a constant of 1 leaks (B, K)
-    mean: np.ndarray  # of the samples (B, 1) [LSB]
+    line: np.ndarray  # (S, B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, mirror line and constant leaking in
+    mirror: np.ndarray | None  # what a mirror line of amplitude 1 leaks (S, B, K), None for quadrature samples
+    constant: np.ndarray  # what a constant of 1 leaks (S, B, K)
+    mean: np.ndarray  # of the samples (S, B, 1) [LSB]
 
     def without_leakage(self, model: np.ndarray) -> np.ndarray:
-        """Return the blocks without what leaks, by the amplitude `model` (B, K) of the line."""
-        leaked = (model * self.constant.conj()).mean(axis=1)[:, None]
+        """Return the blocks without what leaks, by the amplitude `model` (S, B, K) of the line."""
+        leaked = (model * self.constant.conj()).mean(axis=-1)[..., None]
         if self.mirror is None:
             return self.line - (self.mean - leaked) * self.constant
         return self.line - model.conj() * self.mirror - (self.mean - 2.0 * leaked.real) * self.constant
 
 
 @dataclasses.dataclass(frozen=True)
-class _Line:
-    """One station's line about the frequency of its demodulation."""
+class _Lines:
+    """The stations' lines about the frequencies of their demodulation."""
 
-    frequency: np.ndarray  # (B,) [cycles per sample]
-    amplitude: np.ndarray  # at the window's centre, complex (B,) [LSB]
-    blocks: np.ndarray  # amplitude of each block, chirp included (B, K)
+    frequency: np.ndarray  # (S, B) [cycles per sample]
+    amplitude: np.ndarray  # at the window's centre, complex (S, B) [LSB]
+    blocks: np.ndarray  # amplitude of each block, chirp included (S, B, K)
 
 
 class BlockEstimator:
@@ -80,13 +81,13 @@ class BlockEstimator:
             blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
             chirp_known: what the calibrations leave of a chirp is small; else it is estimated, as without them.
         """
-        self.stations, self._signs, self._chirp_known = stations, signs, chirp_known
+        self.stations, self._signs, self._chirp_known = stations, np.array(signs), chirp_known
         count = min(s.samples.stop - s.samples.start for s in stations)
         self._size = min(blocks, key=lambda n: (count % n, -n))
         self._count = count // self._size * self._size  # samples of each station that blocks cover
         index = (self._size - 1) / 2 + self._size * np.arange(count // self._size)
-        # of the blocks, each station's counted from the centre of its own window [samples]
-        self._time = tuple(s.samples.start - s.origin + index for s in stations)
+        # of the blocks, each station's counted from the centre of its own window (S, K) [samples]
+        self._time = np.array([s.samples.start - s.origin + index for s in stations])
         self._weights = np.full(self._size, 1.0 / self._size, np.complex64)
 
     @property
@@ -94,86 +95,105 @@ class BlockEstimator:
         """Length of a block [samples]."""
         return self._size
 
-    def with_basebands(
-        self, samples: Sequence[np.ndarray], full_scale: float
-    ) -> tuple[tuple[Estimates, ...], 'Basebands']:
-        """Return the beat frequencies of few sweeps, and the lines over the time in the sweep.
+    def basebands(self, samples: Sequence[np.ndarray]) -> Basebands:
+        """Return the lines of few sweeps over the time in the sweep, and their beat frequencies alone.
 
         Args:
             samples: of each station (B, sample_count), int16 or float, or (B, 2 sample_count) I, Q, ...; same sweeps.
+        """
+        return self._found(samples)[2]
+
+    def with_basebands(
+        self, samples: Sequence[np.ndarray], full_scale: float
+    ) -> tuple[tuple[Estimates, ...], Basebands]:
+        """Return all that is estimated of few sweeps, and the lines over the time in the sweep.
+
+        Args:
+            samples: as for `basebands`.
             full_scale: ADC code of full scale of all stations [LSB].
         """
-        found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
-        resolved = self._resolve(found)
-        coarse, lines, _, _ = resolved
-        basebands = Basebands(
-            lines=tuple(lines),
-            frequency=tuple(
-                c * (s.sweep.sample_rate / s.length / FINE) for c, s in zip(coarse, self.stations, strict=True)
-            ),
-            time=tuple((t + s.origin) / s.sweep.sample_rate for t, s in zip(self._time, self.stations, strict=True)),
-            power=tuple(f.power.copy() for f in found),  # concluding uses them up
-        )
-        scale = np.full(len(samples[0]), full_scale)
-        parts = zip(self.stations, found, self._combine(*resolved), strict=True)
+        found, lines, basebands = self._found(samples)
+        basebands = dataclasses.replace(basebands, power=tuple(p.copy() for p in basebands.power))
+        scale = np.full(len(samples[0]), full_scale)  # concluding uses the power up
+        parts = zip(self.stations, found, lines, strict=True)
         return tuple(s.collect([s.conclude(f, *line, scale, None)]) for s, f, line in parts), basebands
 
-    def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
+    def _found(
+        self, samples: Sequence[np.ndarray]
+    ) -> tuple[list[Sweeps], list[tuple[np.ndarray, np.ndarray]], Basebands]:
+        """Return each station's sweeps, its line, and the basebands, which share the sweeps' power."""
+        found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
+        coarse, blocks, *fitted = self._resolve(found)
+        lines = self._combine(coarse, blocks, *fitted)
+        rates = np.array([s.sweep.sample_rate for s in self.stations])[:, None]
+        bins = rates / np.array([s.length for s in self.stations])[:, None]
+        origins = np.array([s.origin for s in self.stations])[:, None]
+        basebands = Basebands(
+            lines=blocks,
+            frequency=np.array(coarse) * (bins / FINE),
+            time=(self._time + origins) / rates,
+            power=tuple(f.power for f in found),
+            beat=np.array([frequency for frequency, _ in lines]) * bins,
+        )
+        return found, lines, basebands
+
+    def _chirp(self, lines: np.ndarray) -> np.ndarray:
         """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
         raise NotImplementedError
 
     def _combine(
-        self, coarse: list[np.ndarray], lines: list[np.ndarray], chirp: np.ndarray, models: list['_Line']
+        self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,).
 
         Args:
-            coarse: frequencies of the demodulation (B,) [1/FINE bin], as all that follows from `_resolve`.
-            lines: blocks free of leakage (B, K).
+            coarse: frequencies of the demodulation, of each station (B,) [1/FINE bin], all as of `_resolve`.
+            lines: blocks free of leakage (S, B, K).
             chirp: that the first line has (B,) [cycles per sample^2].
             models: lines fitted to the blocks.
         """
         raise NotImplementedError
 
-    def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray, list['_Line']]:
-        """Return coarse frequencies, blocks free of leakage, residual chirp and lines, by station but for the chirp."""
+    def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, '_Lines']:
+        """Return coarse frequencies of each station, blocks free of leakage, residual chirp and lines."""
         coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
-        records = [self._demodulate(*each) for each in zip(self.stations, found, coarse, strict=True)]
-        lines, chirp = [r.line for r in records], np.zeros(len(coarse[0]))
+        records = self._demodulate(found, coarse)
+        lines, chirp = records.line, np.zeros(len(coarse[0]))
         models = self._fit(lines, chirp if self._chirp_known else self._chirp(lines))
         for _ in range(1 if self._chirp_known else _ROUNDS):
-            lines = [r.without_leakage(model.blocks) for r, model in zip(records, models, strict=True)]
+            lines = records.without_leakage(models.blocks)
             chirp = self._chirp(lines)
             models = self._fit(lines, chirp)
         return coarse, lines, chirp, models
 
-    def _fit(self, lines: Sequence[np.ndarray], chirp: np.ndarray) -> list['_Line']:
-        """Return the stations' lines, the first one's residual chirp given (B,) [cycles per sample^2]."""
-        models = []
-        for blocks, time, sign in zip(lines, self._time, self._signs, strict=True):
-            bend = _rotation(0.5 * sign * chirp, time**2)
-            frequency, amplitude = _tone(blocks * bend.conj(), time, self._size)
-            bend *= _rotation(frequency, time)
-            bend *= amplitude.astype(np.complex64)[:, None]
-            models.append(_Line(frequency, amplitude, bend))
-        return models
+    def _fit(self, lines: np.ndarray, chirp: np.ndarray) -> '_Lines':
+        """Return the lines of blocks (S, B, K), the first one's residual chirp given (B,) [cycles per sample^2]."""
+        time = self._time[:, None]
+        bend = _rotation(0.5 * self._signs[:, None] * chirp, time**2)
+        frequency, amplitude = _tone(lines * bend.conj(), time, self._size)
+        bend *= _rotation(frequency, time)
+        bend *= amplitude.astype(np.complex64)[..., None]
+        return _Lines(frequency, amplitude, bend)
 
-    def _demodulate(self, station: MaximumLikelihoodEstimator, sweeps: Sweeps, coarse: np.ndarray) -> '_Demodulated':
-        """Return one station's sweeps in blocks.
+    def _demodulate(self, found: Sequence[Sweeps], coarse: list[np.ndarray]) -> '_Demodulated':
+        """Return the stations' sweeps in blocks.
 
         Args:
-            station: prepared for it.
-            sweeps: of its search.
-            coarse: frequency of the demodulation (B,) [1/FINE bin].
+            found: of each station's search.
+            coarse: frequency of each station's demodulation (B,) [1/FINE bin].
         """
-        start = station.samples.start
-        record = sweeps.record[:, start : start + self._count]
-        carrier = station.carrier(coarse)[:, : self._count]
+        lines, mirrors, constants, means = [], [], [], []
+        for station, sweeps, at in zip(self.stations, found, coarse, strict=True):
+            start = station.samples.start
+            record = sweeps.record[:, start : start + self._count]
+            carrier = station.carrier(at)[:, : self._count]
+            lines.append(self._means(record * carrier))
+            constants.append(self._means(carrier))
+            means.append(record.mean(axis=1)[:, None])
+            if not station.iq:
+                mirrors.append(self._means(carrier * carrier))
         return _Demodulated(
-            line=self._means(record * carrier),
-            mirror=None if station.iq else self._means(carrier * carrier),
-            constant=self._means(carrier),
-            mean=record.mean(axis=1)[:, None],
+            np.stack(lines), np.stack(mirrors) if mirrors else None, np.stack(constants), np.stack(means)
         )
 
     def _means(self, values: np.ndarray) -> np.ndarray:
@@ -279,29 +299,27 @@ class PairEstimator(BlockEstimator):
         return self._combine(*self._resolve(found))
 
     def _combine(
-        self, coarse: list[np.ndarray], lines: list[np.ndarray], chirp: np.ndarray, models: list['_Line']
+        self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return what `_refine` does, from what `_resolve` found."""
         combined, value = _tone(self._products(lines)[0], self._time[0], self._size)
         combined += chirp * self._late  # the second station's blocks come later by part of a sample
-        one, two = models
-        turns = two.frequency * self._late + 0.5 * self._sign * chirp * self._late**2
+        (one, two), (first, second) = models.frequency, models.amplitude
+        turns = two * self._late + 0.5 * self._sign * chirp * self._late**2
         value = value * np.exp(2j * np.pi * self._sign * turns)  # in place, a single row would round differently
-        error = 0.5 * (combined - (one.frequency - self._sign * two.frequency))
-        single = one.amplitude * (two.amplitude.conj() if self._sign > 0 else two.amplitude)
+        error = 0.5 * (combined - (one - self._sign * two))
+        single = first * (second.conj() if self._sign > 0 else second)
         slip = 0.5 * np.angle(value * single.conj())
-        results = []
-        for station, model, at, share in zip(self.stations, models, coarse, (1.0, -self._sign), strict=True):
-            frequency = model.frequency + share * error
-            results.append(self._line(station, at, frequency, model.amplitude * np.exp(1j * share * slip)))
-        return results
+        shares = np.array([1.0, -self._sign])[:, None]
+        frequency, amplitude = models.frequency + shares * error, models.amplitude * np.exp(1j * shares * slip)
+        return [self._line(*each) for each in zip(self.stations, coarse, frequency, amplitude, strict=True)]
 
-    def _products(self, lines: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _products(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the product in which what both lines share cancels, and the one that has it twice, (B, K) each."""
         straight, conjugate = lines[0] * lines[1], lines[0] * lines[1].conj()
         return (conjugate, straight) if self._sign > 0 else (straight, conjugate)
 
-    def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
+    def _chirp(self, lines: np.ndarray) -> np.ndarray:
         """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
         return _chirp(self._products(lines)[1], self._size, 2)
 
@@ -333,17 +351,16 @@ class SingleEstimator(BlockEstimator):
         """
         super().__init__((MaximumLikelihoodEstimator(sweep, settings, iq, own, peer),), (1,), blocks, False)
 
-    def _chirp(self, lines: Sequence[np.ndarray]) -> np.ndarray:
+    def _chirp(self, lines: np.ndarray) -> np.ndarray:
         if self.stations[0].sweep.hears_itself:
             return np.zeros(len(lines[0]))  # one oscillator: to estimate what is not there would cost the phase
         return _chirp(lines[0], self._size, 1)
 
     def _combine(
-        self, coarse: list[np.ndarray], lines: list[np.ndarray], chirp: np.ndarray, models: list['_Line']
+        self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         return [
-            self._line(station, at, model.frequency, model.amplitude)
-            for station, at, model in zip(self.stations, coarse, models, strict=True)
+            self._line(*each) for each in zip(self.stations, coarse, models.frequency, models.amplitude, strict=True)
         ]
 
 
@@ -356,8 +373,8 @@ def _chirp(blocks: np.ndarray, size: int, multiple: int) -> np.ndarray:
 
 
 def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return exp(2j pi rate time), complex64 (B, K), of rates (B,) [cycles per unit] and times (K,)."""
-    angle = (2.0 * np.pi * (rate[:, None] * time)).astype(np.float32)
+    """Return exp(2j pi rate time), complex64 (..., K), of rates (...) [cycles per unit] and times (..., K)."""
+    angle = (2.0 * np.pi * (rate[..., None] * time)).astype(np.float32)
     result = np.empty(angle.shape, np.complex64)
     np.cos(angle, out=result.real)
     np.sin(angle, out=result.imag)
@@ -365,23 +382,23 @@ def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _tone(blocks: np.ndarray, time: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (frequency [cycles per sample], complex amplitude at time 0) of the strongest tone of each row.
+    """Return (frequency [cycles per sample], complex amplitude at time 0) of the strongest tone of each row (...).
 
     Args:
-        blocks: (B, K), one value each `size` samples.
-        time: of the blocks (K,) [samples].
+        blocks: (..., K), one value each `size` samples.
+        time: of the blocks (..., K) [samples].
         size: of a block [samples].
     """
-    length = scipy.fft.next_fast_len(_PADDING * blocks.shape[1])
+    length = scipy.fft.next_fast_len(_PADDING * blocks.shape[-1])
     spectrum = scipy.fft.fft(blocks, length)
-    peak = (spectrum.real**2 + spectrum.imag**2).argmax(axis=1)
+    peak = (spectrum.real**2 + spectrum.imag**2).argmax(axis=-1)
     frequency = scipy.fft.fftfreq(length, size)[peak]
     for step in range(_STEPS + 1):
         still = blocks * _rotation(-frequency, time)
-        value = still.astype(complex).mean(axis=1)  # a mean that converts depends on the rows around
+        value = still.astype(complex).mean(axis=-1)  # a mean that converts depends on the rows around
         if step < _STEPS:
-            slope = (still * time).mean(axis=1) / np.where(value == 0.0, TINY, value)
-            frequency = frequency + slope.imag / (2.0 * np.pi * time.var())
+            slope = (still * time).mean(axis=-1) / np.where(value == 0.0, TINY, value)
+            frequency = frequency + slope.imag / (2.0 * np.pi * time.var(axis=-1))
     return frequency, value
 
 
