@@ -661,8 +661,8 @@ def test_quick_list_covers_every_group_and_follows_from_its_seed():
     assert quick == cases.plans('quick', 3)
     assert quick != cases.plans('quick', 4)
     few = cases.Counts(
-        nulls=5, sizes=(5.0,), repeats=1, strong_sizes=(60.0,), strong_repeats=1, pairs=2, outside_sizes=(10.0,),
-        decoys=1, ambiguous=1, left_out_sizes=(20.0,), left_out_repeats=1,
+        nulls=5, wrong_nulls=1, sizes=(5.0,), strong_sizes=(60.0,), drives=4, pairs=2, strong_pairs=1,
+        outside_sizes=(10.0,), decoys=1, ambiguous=1, left_out_sizes=(20.0,),
     )  # fmt: skip
     full = cases.plans('full', 3, few)
     assert {p.group for p in full} == set(cases.GROUPS)

@@ -1,5 +1,6 @@
 """The proof's judgement of findings, its resumable results and its report, on truths and findings written by hand."""
 
+import collections
 import dataclasses
 import itertools
 import re
@@ -13,7 +14,7 @@ from drfmcw_diagnosis import prove
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_diagnosis.judging import OUTCOMES, judge
 from drfmcw_diagnosis.next_measurement import measurements
-from drfmcw_diagnosis.proof.cases import GROUPS, Counts, plans
+from drfmcw_diagnosis.proof.cases import FULL, GROUPS, Counts, plans
 from drfmcw_diagnosis.proof_figures import (
     goals,
     interval,
@@ -150,8 +151,28 @@ def test_judgement(sealed, said, outcome):
         (truth(SPUR), finding('ambiguous', found(SPUR), alternatives=[found(ECHO)]), (None, 4.1), 'undecided'),
         (truth(SPUR), finding('ambiguous', found(SPUR), alternatives=[found(ECHO)]), (None, None), 'undecided'),
         (truth(SPUR), finding('explained', found(ECHO)), (3.9,), 'wrong'),
-        (truth(SPUR, **LEFT_OUT), finding('explained', found(ECHO)), (3.9,), 'right'),
+        # nobody could have said "unexplained"; a twin by construction is no imitation, one explanation far off is wrong
+        (truth(SPUR, **LEFT_OUT), finding('explained', found(ECHO)), (3.9,), 'imitated'),
         (truth(SPUR, **LEFT_OUT), finding('explained', found(ECHO)), (4.1,), 'wrong'),
+        (truth(SPUR, **LEFT_OUT), finding('unexplained'), (), 'right'),
+        (
+            truth(JUMP, registered=False),
+            finding('ambiguous', found(SPUR), alternatives=[found(ECHO)]),
+            (3.9, 1.0),
+            'imitated',
+        ),
+        (
+            truth(JUMP, registered=False),
+            finding('ambiguous', found(SPUR), alternatives=[found(ECHO)]),
+            (1.0, 4.1),
+            'wrong',
+        ),
+        (
+            truth(DELAY, rivals=(OFFSET,), without=('delay_offset',)),
+            finding('explained', found(OFFSET)),
+            (0.1,),
+            'right',
+        ),
     ],
 )
 def test_what_the_data_cannot_tell_apart_is_judged_by_the_generator(sealed, said, apart, outcome):
@@ -210,8 +231,8 @@ def test_few_cases_go_around_groups_and_kinds():
 
 def test_what_decides_follows_what_it_decides():
     counts = Counts(
-        nulls=5, sizes=(5.0,), repeats=1, strong_sizes=(60.0,), strong_repeats=1, pairs=2, outside_sizes=(10.0,),
-        decoys=1, ambiguous=1, left_out_sizes=(20.0,), left_out_repeats=1,
+        nulls=5, wrong_nulls=1, sizes=(5.0,), strong_sizes=(60.0,), drives=4, pairs=2, strong_pairs=1,
+        outside_sizes=(10.0,), decoys=1, ambiguous=1, left_out_sizes=(20.0,),
     )  # fmt: skip
     listed = plans('full', 3, counts)
     order = prove.chosen(listed, GROUPS, None, 3)
@@ -224,11 +245,27 @@ def test_what_decides_follows_what_it_decides():
     assert {p.group for p in alone} == {'decided'}
 
 
-SETTINGS = {'extent': 'quick', 'seed': 1, 'versions': {'drfmcw_sim': 'abc'}}
+def test_the_full_list_is_one_that_can_be_run_whole_and_multiplied():
+    """Some 7 cases a minute on two cores."""
+    once, thrice = (plans('full', 3, dataclasses.replace(FULL, times=times)) for times in (1, 3))
+    assert 700 <= len(once) <= 1000
+    kinds = [
+        collections.Counter((p.group, p.kind) for p in listed if 'pair' not in p.group) for listed in (once, thrice)
+    ]
+    assert {key: 3 * count for key, count in kinds[0].items()} == kinds[1]
+    assert len(thrice) == 3 * len(once)
+
+
+SETTINGS = {'extent': 'quick', 'times': 1, 'seed': 1, 'versions': {'drfmcw_sim': 'abc'}}
 
 
 @pytest.mark.parametrize(
-    ('change', 'words'), [({'seed': 2}, 'seed 1, not 2'), ({'versions': {'drfmcw_sim': 'abd'}}, 'another version')]
+    ('change', 'words'),
+    [
+        ({'seed': 2}, 'seed 1, not 2'),
+        ({'times': 3}, 'times 1, not 3'),
+        ({'versions': {'drfmcw_sim': 'abd'}}, 'another version'),
+    ],
 )
 def test_results_of_another_run_are_refused_unless_discarded(tmp_path, change, words):
     with prove.Results(tmp_path / 'out', SETTINGS) as results:
@@ -260,7 +297,15 @@ def test_a_directory_in_use_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     'words',
-    [['--groups', 'nul'], ['--cases', '0'], ['--jobs', '0'], ['--seed', '-1'], ['--quick', '--groups', 'decoy']],
+    [
+        ['--groups', 'nul'],
+        ['--cases', '0'],
+        ['--jobs', '0'],
+        ['--seed', '-1'],
+        ['--quick', '--groups', 'decoy'],
+        ['--times', '0'],
+        ['--quick', '--times', '2'],
+    ],
 )
 def test_a_wrong_command_line_is_one_line_and_status_2(words, tmp_path, capsys):
     out = tmp_path / 'out'
@@ -304,8 +349,9 @@ RECORDS = [
     record(12, 'ambiguous', 'delay_offset', truth(DELAY, **TWINS), BOTH_WAYS, (None, 0.1), (None, 5.5)),
     record(13, 'decided', 'reference instrument checked', truth(DELAY, follows='recording_0012'),
            finding('explained', found(DELAY))),
+    record(14, 'outside', 'phase_jump', truth(WALK, registered=False), finding('explained', found(SPUR)), (3.2,)),
 ]  # fmt: skip
-BAD = [1, 3, 5, 7, 8]  # and 6, missed where theory finds few
+BAD = [1, 3, 5, 7, 8, 14]  # and 6, missed where theory finds few
 
 
 def rendered(folder, records, run=RUN):
@@ -323,7 +369,13 @@ def rendered(folder, records, run=RUN):
 
 def test_report_tells_numbers_and_every_failure(tmp_path):
     text = rendered(tmp_path, RECORDS)
-    for words in (RUN.command, '| seed | 7 |', 'has not been made', '14 of 4624 cases', '| cases run | 14 |'):
+    for words in (
+        RUN.command,
+        '| seed | 7 |',
+        'have not been made',
+        '15 of the 4624 cases of the list (full)',
+        '| cases run | 15 |',
+    ):
         assert words in text
     failures, _, small = text.partition('## Not right, one by one')[2].partition('\n## ')[0].partition('Missed at d')
     assert re.findall(r'recording_\d+', failures) == [f'recording_{n:04d}' for n in BAD]
@@ -338,7 +390,16 @@ def test_report_tells_numbers_and_every_failure(tmp_path):
 @pytest.mark.parametrize('only', range(len(RECORDS)))
 def test_report_of_any_one_case_renders(tmp_path, only):
     text = rendered(tmp_path, RECORDS[only : only + 1])
-    assert '1 of 4624 cases' in text
+    assert '1 of the 4624 cases' in text
+
+
+def test_a_whole_list_is_told_as_such(tmp_path):
+    whole = dataclasses.replace(RUN, listed=len(RECORDS))
+    text = rendered(tmp_path, RECORDS, whole)
+    assert f'all {len(RECORDS)} cases of the list (full)' in text and 'not been made' not in text
+    text = rendered(tmp_path, RECORDS, dataclasses.replace(whole, times=3))
+    assert f'| list | 3 times the full one, {len(RECORDS)} cases |' in text
+    assert f'all {len(RECORDS)} cases of the list (3 times the full one)' in text
 
 
 def test_a_report_leaves_no_plot_of_another_run(tmp_path):
@@ -360,8 +421,20 @@ def test_figures_stand_beside_their_goals():
     assert told['held-out misfit per degree of freedom where explained'].met == 'yes'
     # a station is not the name; a part of the truth is no wrong name; an effect that is not there is
     assert [is_named(RECORDS[n]) for n in (2, 3, 6, 7)] == [True, False, False, True]
-    assert [n for n, r in enumerate(RECORDS) if is_wrong_name(r)] == [3]
+    assert [n for n, r in enumerate(RECORDS) if is_wrong_name(r)] == [3, 14]
     assert {goal.met for goal in goals(RECORDS)} <= {'yes', 'no', 'open', ''}
+
+
+def test_imitated_cases_are_shown_and_left_out_of_the_rate(tmp_path):
+    text = rendered(tmp_path, RECORDS)
+    outside = next(line for line in text.splitlines() if line.startswith('| outside |'))
+    cells = [cell.strip() for cell in outside.split('|')[1:-1]]
+    assert cells[:2] == ['outside', '2'] and cells[2 + OUTCOMES.index('imitated')] == '1'
+    assert cells[-1].startswith('100%')
+    assert '| phase_jump | 12 | 1 of 1: 100% (2.5% to 100%) | 1 imitated |' in text
+    told = {goal.what: goal for goal in goals(RECORDS)}
+    assert told['outside the registry, d >= 10, unexplained, not imitated'].measured == '100% (1 of 1)'
+    assert '3.2 sigma cannot be told from the truth' in text
 
 
 def test_intervals_hold_the_rate_and_theory_its_level():

@@ -5,13 +5,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-OUTCOMES = ('right', 'undecided', 'unnamed', 'wrong', 'missed', 'failed')
+OUTCOMES = ('right', 'undecided', 'unnamed', 'imitated', 'wrong', 'missed', 'failed')
 """What a finding can be worth.
 
 right: the verdict and every effect with its station, or 'ambiguous' among what the data cannot tell apart; undecided:
 the truth is among the explanations named, but one recording would have told; unnamed: an effect of the registry was
-called unexplained; wrong: a name that is not the truth, or a mismatch where there is none; missed: a mismatch called
-consistent; failed: no finding at all.
+called unexplained; imitated: what the registry lacks was explained by effects of it whose data cannot be told from the
+truth's, so that nobody could have said "unexplained": neither right nor wrong; wrong: a name that is not the truth, or
+a mismatch where there is none; missed: a mismatch called consistent; failed: no finding at all.
 """
 
 TOLERATED_SHARE = 0.9
@@ -107,16 +108,17 @@ def _outcome(
         return _of_null(truth, finding, named)
     if verdict == 'consistent':
         return 'missed', 'called consistent'
+    rivals = {keys(rival) for rival in truth['rivals']}
     unknown = [e for e in truth['effects'] if not e['registered'] or e['effect'] in truth['without']]
     if unknown:
         if verdict == 'unexplained':
             return 'right', 'unexplained, as it should be'
         if alike >= set(named):
-            return 'right', f'called {verdict} by what the data cannot tell from the truth'
+            how = 'right' if rivals & set(named) else 'imitated'
+            return how, f'called {verdict} by what the data cannot tell from the truth'
         return 'wrong', f'not in the registry, yet called {verdict}'
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
-    rivals = {keys(rival) for rival in truth['rivals']}
     if verdict == 'explained':
         if named[0] in alike:
             return 'wrong', 'one of several explanations that the data cannot tell apart, called the only one'

@@ -35,6 +35,11 @@ def is_right(record: Record) -> bool:
     return outcome(record) == 'right'
 
 
+def judged(records: Sequence[Record]) -> list[Record]:
+    """Return the cases of which more could be said than effects of the registry say that imitate the truth."""
+    return [r for r in records if outcome(r) != 'imitated']
+
+
 def is_null(record: Record) -> bool:
     """Return whether a recording holds no effect."""
     return not record['truth']['effects']
@@ -145,7 +150,7 @@ class Rate:
     def __str__(self) -> str:
         """'k of n: rate (interval)'."""
         if not self.count:
-            return 'none run'
+            return 'none'
         low, high = self.interval
         return f'{self.successes} of {self.count}: {percent(self.value)} ({percent(low)} to {percent(high)})'
 
@@ -291,13 +296,14 @@ def goals(records: Sequence[Record]) -> list[Goal]:
         _of_rate('a unique but wrong name, d >= 8', '<= 1 %', rate(named, is_wrong_name), 0.0, 0.01),
         _of_rate('pairs, both d >= 12, exact', '>= 90 %', rate(of(records, 'pair', least=12.0), is_right), 0.9),
         _of_rate('pairs, both d >= 50, exact', '>= 90 %', rate(of(records, 'strong_pair'), is_right), 0.9),
-        _of_rate('outside the registry, d >= 10, unexplained', '>= 95 %',
-                 rate(of(records, 'outside', least=10.0), is_right), 0.95),
+        _of_rate('outside the registry, d >= 10, unexplained, not imitated', '>= 95 %',
+                 rate(judged(of(records, 'outside', least=10.0)), is_right), 0.95),
         _of_rate('which station, named, d >= 8, separable', '>= 95 %', rate(stations_told(records), is_right), 0.95),
         _spread(records),
         _misfit(records),
         _times(records),
-        _of_rate('left out of the registry, not named', '-', rate(of(records, 'left_out'), is_right)),
+        _of_rate('left out of the registry, not named, not imitated', '-',
+                 rate(judged(of(records, 'left_out')), is_right)),
         _of_rate('strong effects, d >= 60, exact', '-', rate(of(records, 'strong'), is_right)),
         _of_rate('decoys', '-', rate(of(records, 'decoy'), is_right)),
         _of_rate('ambiguous by construction, called so', '-', rate(of(records, 'ambiguous'), is_right)),

@@ -39,6 +39,7 @@ class Run:
     versions: Mapping[str, str]
     quick_share: float
     changed: bool = False  # whether the code was changed while it ran
+    times: int = 1  # as many cases of each kind as the full list has
 
 
 def write_report(folder: Path, run: Run, records: Sequence[Record]) -> None:
@@ -101,7 +102,7 @@ def _what(run: Run, records: Sequence[Record]) -> str:
         'SHA-256 announced before the diagnosis starts, in a process of its own that is given nothing but the '
         "recording's path (and, where effects are left out of the search, `--without`); the seal is opened after.\n\n"
         '| | |\n|---|---|\n'
-        f'| command | `{run.command}` |\n| list | {run.extent}, {run.listed} cases |\n| cases run | {len(records)} |\n'
+        f'| command | `{run.command}` |\n| list | {_list(run)}, {run.listed} cases |\n| cases run | {len(records)} |\n'
         f'| seed | {run.seed} |\n| code | '
         + ', '.join(f'{name} {version}' for name, version in run.versions.items())
         + ' |'
@@ -116,11 +117,18 @@ def _what(run: Run, records: Sequence[Record]) -> str:
         )
     elif len(records) < run.listed:
         text += (
-            f'\n\n**These are {len(records)} of {run.listed} cases, {len(records) / run.listed:.1%}. The full proof '
-            '(`./drfmcw prove`) has not been made**; the intervals tell how little so few cases measure. Which cases '
-            'are run first is decided by the seed: groups take turns, and in each group the effects.'
+            f'\n\n**These are {len(records)} of the {run.listed} cases of the list ({_list(run)}), '
+            f'{len(records) / run.listed:.1%}; the others have not been made**; the intervals tell how little so few '
+            'cases measure. Which cases are run first is decided by the seed: groups take turns, and in each group the '
+            'effects.'
         )
+    else:
+        text += f'\n\nThese are all {run.listed} cases of the list ({_list(run)}).'
     return text
+
+
+def _list(run: Run) -> str:
+    return run.extent if run.times == 1 else f'{run.times} times the {run.extent} one'
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -142,14 +150,16 @@ def _groups(records: Sequence[Record]) -> str:
         own = [r for r in records if group in (r['group'], 'all')]
         if own:
             counts = collections.Counter(map(outcome, own))
-            right = str(rate(own, is_right)).partition(': ')[2]
+            right = str(rate(figures.judged(own), is_right)).partition(': ')[2]
             rows.append((group, str(len(own)), *(str(counts[o]) for o in OUTCOMES), right))
     text = _table(('group', 'n', *OUTCOMES, 'share right (95 % interval)'), rows)
     return text + (
         '\n\nright: verdict, every effect and its station, or ambiguous among what the data cannot tell apart; '
         'undecided: called ambiguous, the truth among the explanations, where one recording tells; unnamed: an effect '
-        'of the registry called unexplained; wrong: a name that is not the truth, or a mismatch where there is none; '
-        'missed: a mismatch called consistent; failed: no finding. What the data tell apart is decided by the '
+        'of the registry called unexplained; imitated: what the registry lacks was explained by effects of it whose '
+        'data cannot be told from the truth, so that nobody could have called it unexplained (neither right nor '
+        'wrong, and left out of the share right); wrong: a name that is not the truth, or a mismatch where there is '
+        'none; missed: a mismatch called consistent; failed: no finding. What the data tell apart is decided by the '
         f'generator: explanations whose recordings differ by at least {SEPARABLE:g} sigma.'
     )
 
@@ -237,10 +247,14 @@ def _parameters(records: Sequence[Record]) -> str:
 _PAIRS = (
     'Cells: both named with their stations, or ambiguous among what the data cannot tell apart. d of the smaller one.'
 )
-_OUTSIDE = 'Right is "unexplained": nothing in the registry does this.'
+_IMITATED = (
+    f' Imitated: all explanations named are effects of the registry that change the data as the truth does within '
+    f'{SEPARABLE:g} sigma, so that nobody could say "unexplained"; such cases are left out of the rate.'
+)
+_OUTSIDE = 'Right is "unexplained": nothing in the registry does this.' + _IMITATED
 _LEFT_OUT = (
     'Effects of the registry, while the tool is told to search without them. Right is "unexplained", or what changes '
-    'the data as they do.'
+    'the data as they do.' + _IMITATED
 )
 _DECOYS = 'Conditions that look like a cause and are none; true causes beside innocent companions.'
 
@@ -269,7 +283,7 @@ def _rates_by(
         counts = collections.Counter(map(outcome, cases))
         other = ', '.join(f'{counts[o]} {o}' for o in OUTCOMES[1:] if counts[o])
         span = f'{min(d):.0f}' if max(d) - min(d) < 1.0 else f'{min(d):.0f} to {max(d):.0f}'
-        rows.append((name, span, str(rate(cases, is_right)), other))
+        rows.append((name, span, str(rate(figures.judged(cases), is_right)), other))
     return words + '\n\n' + _table(('what', 'd', 'right', 'else'), rows)
 
 

@@ -4,6 +4,7 @@ import argparse
 import collections
 import concurrent.futures
 import contextlib
+import dataclasses
 import fcntl
 import json
 import os
@@ -27,7 +28,7 @@ from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_sim.monte_carlo import versions
 
 from .judging import judge
-from .proof.cases import GROUPS, Plan, conceal_case, plans
+from .proof.cases import FULL, GROUPS, Plan, conceal_case, plans
 from .proof.recordings import Seal, open_seal
 from .proof_report import Run, write_report
 from .second_opinion import apart, parted
@@ -50,9 +51,12 @@ def parser() -> argparse.ArgumentParser:
         description='Conceal effects in recordings by an independent generator, let the diagnosis find them from the '
         'recordings alone, and report what it got right. The same command takes an interrupted run up again.',
     )
-    result.add_argument('--quick', action='store_true', help='a dozen small recordings instead of some thousands')
+    result.add_argument('--quick', action='store_true', help='a dozen small recordings instead of some hundreds')
     result.add_argument('--out', metavar='DIR', help='directory of results and report (build/prove/ of a checkout)')
     result.add_argument('--cases', type=int, metavar='N', help='only the first N, a fair part of all groups and kinds')
+    result.add_argument(
+        '--times', type=int, metavar='N', help='a list of N times as many of each kind: some hours each'
+    )
     result.add_argument('--groups', metavar='LIST', help=f'only these: {",".join(GROUPS)}')
     result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
     result.add_argument('--seed', type=int, default=1, metavar='S', help='of all random numbers (1)')
@@ -270,7 +274,7 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]
     Raises:
         ConfigurationError: a number out of bounds or an unknown group.
     """
-    for name, low in (('cases', 1), ('jobs', 1), ('seed', 0)):
+    for name, low in (('cases', 1), ('times', 1), ('jobs', 1), ('seed', 0)):
         value = getattr(arguments, name)
         if value is not None and value < low:
             raise ConfigurationError(f'--{name} = {value} must be at least {low}')
@@ -278,8 +282,14 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]
     for group in groups:
         if group not in GROUPS:
             raise ConfigurationError(f"--groups: unknown group '{group}'{nearest(group, GROUPS)}")
-    extent = 'quick' if arguments.quick else 'full'
-    return {'extent': extent, 'seed': arguments.seed, 'versions': versions(_PACKAGES, _JUDGES)}, groups
+    if arguments.quick and arguments.times is not None:
+        raise ConfigurationError('--times: --quick has one list of its own')
+    return {
+        'extent': 'quick' if arguments.quick else 'full',
+        'times': arguments.times or 1,
+        'seed': arguments.seed,
+        'versions': versions(_PACKAGES, _JUDGES),
+    }, groups
 
 
 def _folders(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
@@ -301,7 +311,7 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
     settings, groups = _settings(arguments)
     out, documents = _folders(arguments)
     console = Console(stderr=True)
-    listed = plans(settings['extent'], arguments.seed)
+    listed = plans(settings['extent'], arguments.seed, dataclasses.replace(FULL, times=settings['times']))
     selected = chosen(listed, groups, arguments.cases, arguments.seed)
     if not selected:
         raise ConfigurationError(f'--groups: no case of {", ".join(groups)} in the {settings["extent"]} list')
@@ -327,7 +337,10 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
         in_order = sorted(selected, key=lambda plan: plan.name)
         records = [_judged(record) for plan in in_order if (record := results.record(plan.name)) is not None]
     changed = versions(_PACKAGES, _JUDGES) != settings['versions']
-    run = Run(command, settings['extent'], arguments.seed, len(listed), settings['versions'], QUICK_SHARE, changed)
+    run = Run(
+        command, settings['extent'], arguments.seed, len(listed), settings['versions'], QUICK_SHARE, changed,
+        settings['times'],
+    )  # fmt: skip
     for folder in filter(None, (out, documents)):
         write_report(folder, run, records)
     right = sum(record['judgement']['outcome'] == 'right' for record in records)

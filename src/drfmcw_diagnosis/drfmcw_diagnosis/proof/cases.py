@@ -308,23 +308,24 @@ def decided(name: str, plan: Plan) -> Plan:
 
 @dataclasses.dataclass(frozen=True)
 class Counts:
-    """How many cases of each group."""
+    """How many cases of each group, before they are multiplied by `times`."""
 
-    nulls: int = 1000  # with the right noise; of each other kind a fifth
-    sizes: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 25.0)  # d of single effects
-    repeats: int = 8  # of each single effect at each size
-    strong_sizes: tuple[float, ...] = (60.0, 250.0)  # d of effects as in the practice recordings
-    strong_repeats: int = 3  # of each strong effect at each size; as many drives and more
-    pairs: int = 200  # of d from 12 to 25; half as many of d from 50 to 500
+    nulls: int = 120  # with the right noise
+    wrong_nulls: int = 30  # of each other kind
+    sizes: tuple[float, ...] = (3.0, 4.5, 6.0, 8.0, 10.0, 12.0, 16.0, 25.0)  # d of single effects, each of each
+    strong_sizes: tuple[float, ...] = (60.0, 250.0)  # d of effects as in the practice recordings, each of each
+    drives: int = 4
+    pairs: int = 60  # of d from 12 to 25
+    strong_pairs: int = 40  # of d from 50 to 500
     outside_sizes: tuple[float, ...] = (10.0, 16.0, 25.0)
-    decoys: int = 10  # of each kind
-    ambiguous: int = 8  # of each kind, each with the measurement that decides it
+    decoys: int = 3  # of each kind
+    ambiguous: int = 4  # of each kind, each with the measurement that decides it
     left_out_sizes: tuple[float, ...] = (20.0, 120.0)
-    left_out_repeats: int = 2  # of each effect at each size
+    times: int = 1
 
 
 FULL = Counts()
-"""Of the full proof: some 5000 recordings."""
+"""Of the full proof: what two cores do in some two hours."""
 
 _PAIRS_NEVER = frozenset(frozenset(pair) for pair in TWINS.items())
 
@@ -374,38 +375,37 @@ def _quick() -> Iterator[Builder]:
 
 
 def _full(counts: Counts) -> Iterator[Builder]:
+    for _ in range(counts.times):
+        yield from _once(counts)
+
+
+def _once(counts: Counts) -> Iterator[Builder]:
     usual = Extent()
     for kind in NULLS:
-        for _ in range(counts.nulls if kind == 'right' else counts.nulls // 5):
+        for _ in range(counts.nulls if kind == 'right' else counts.wrong_nulls):
             yield partial(_null, kind=kind, extent=usual)
     for effect in REGISTERED:
         for d in counts.sizes:
-            for _ in range(counts.repeats):
-                yield partial(_single, effect=effect, d=d, extent=usual)
-    for _ in range(counts.strong_repeats):
-        for effect in REGISTERED:
-            for d in counts.strong_sizes:
-                yield partial(_single, effect=effect, d=d, extent=usual, group='strong')
-        for _ in range(4):
-            yield partial(_drive, extent=usual)
+            yield partial(_single, effect=effect, d=d, extent=usual)
+        for d in counts.strong_sizes:
+            yield partial(_single, effect=effect, d=d, extent=usual, group='strong')
+        for d in counts.left_out_sizes:
+            yield partial(_left_out, effect=effect, d=d, extent=usual)
+    for _ in range(counts.drives):
+        yield partial(_drive, extent=usual)
     for _ in range(counts.pairs):
         yield partial(_pair, effects=None, d=None, extent=usual)
-    for _ in range(counts.pairs // 2):
+    for _ in range(counts.strong_pairs):
         yield partial(_strong_pair, extent=usual)
     for effect in OUTSIDE:
         for d in counts.outside_sizes:
-            for _ in range(max(counts.repeats // 2, 1)):
-                yield partial(_single, effect=effect, d=d, extent=usual, group='outside')
+            yield partial(_single, effect=effect, d=d, extent=usual, group='outside')
     for kind in DECOYS:
         for _ in range(counts.decoys):
             yield partial(_decoy, kind=kind, d=14.0, extent=usual)
     for kind in AMBIGUOUS:
         for _ in range(counts.ambiguous):
             yield partial(_ambiguous, kind=kind, d=14.0, extent=usual)
-    for effect in REGISTERED:
-        for d in counts.left_out_sizes:
-            for _ in range(counts.left_out_repeats):
-                yield partial(_left_out, effect=effect, d=d, extent=usual)
 
 
 def _two(random: np.random.Generator) -> tuple[str, str]:
