@@ -276,6 +276,17 @@ def test_row_does_not_depend_on_its_batch(name):
 
 
 @pytest.mark.parametrize('name', EFFECTS)
+def test_copies_are_the_same_sweeps(name):
+    """Bit-identical samples whether or not it is said that rows are copies that differ in their initial phases."""
+    effects = made([sized(name)])
+    m = measured(17).rows(np.tile(np.arange(17), 3))
+    m.initial_phase[0] += np.repeat(np.arange(3) / 3.0, 17)
+    apart, said = (synthesise(m, SEED, effects, noise=False, quantised=False, copies=c) for c in (1, 3))
+    for a, b in zip(apart, said, strict=True):
+        assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize('name', EFFECTS)
 def test_works_with_every_receiver_and_ramp(name):
     """Real and quadrature IF, rising and falling ramps, pairs and stations that hear themselves: finite samples."""
     for iq, bandwidth, homodyne in itertools.product((False, True), (150e6, -150e6), (False, True)):

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drfmcw_sim.effects import Effect
 from drfmcw_sim.signal_model import Measurements
 
 from .features import Extractor, SweepFeatures
@@ -66,8 +67,16 @@ class Part:
     extract: Extractor
 
 
+def acted(part: Part, effects: Sequence[Effect]) -> Measurements:
+    """Return the groups' steady conditions after effects."""
+    state = part.steady.rows(slice(None))
+    for effect in sorted(effects, key=lambda e: e.stage):
+        effect.prepare(state)
+    return state
+
+
 def align(
-    part: Part, rows: Measurements, copies: int, sweeps: Sequence[SweepFeatures], acted: Measurements
+    part: Part, rows: Measurements, copies: int, sweeps: Sequence[SweepFeatures], effects: Sequence[Effect]
 ) -> np.ndarray:
     """Give the line of a station that hears itself the measured phase; return the mean delay added (G,) [s].
 
@@ -80,13 +89,14 @@ def align(
         rows: their steady conditions, as often as there are copies; the delays are changed.
         copies: number of them.
         sweeps: measured features of all groups.
-        acted: `part.steady` after effects: they may change the delay.
+        effects: may change the delay.
     """
     added = np.zeros((copies, len(part.groups)))
     if len(part.steady.stations) == 2:
         return added[0]
-    (station,) = acted.stations
-    delay, sweep = acted.paths[0].delay, station.sweep
+    state = acted(part, effects)
+    (station,) = state.stations
+    delay, sweep = state.paths[0].delay, station.sweep
     carrier = station.alpha * sweep.center_frequency
     own = carrier * delay - 0.5 * sweep.chirp_rate * delay**2  # turns in mid-sweep
     for row, g in enumerate(part.groups):

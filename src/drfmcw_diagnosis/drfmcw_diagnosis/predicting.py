@@ -12,10 +12,10 @@ from drfmcw_sim.effects.base import Stage
 from drfmcw_sim.signal_model import Measurements
 
 from .features import mean_power, quiet_sweeps, ramp_spectrum, unevenness
-from .groups import Groups, Part
+from .groups import Groups, Part, acted
 from .noise_model import NoiseModel
 from .recorded_sweeps import RecordedSweeps
-from .simulated_sweeps import DISTORTED, SimulatedSweeps, acted
+from .simulated_sweeps import DISTORTED, SimulatedSweeps
 
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _BURSTING = 12  # sweeps simulated per group, at most, where one comes and goes
@@ -172,10 +172,12 @@ class Predictor:
 
     def _velocity(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
         """Return the slope that the reference shows in each group [m/s] (G,): it sees the crane drive, not sway."""
+        driving = [effect for effect in effects if effect.name == 'target_motion']
+        if not driving:
+            return m.velocity
         driven = m.rows(slice(None))
-        for effect in effects:
-            if effect.name == 'target_motion':
-                effect.prepare(driven)
+        for effect in driving:
+            effect.prepare(driven)
         return driven.velocity
 
     def _displacement(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:

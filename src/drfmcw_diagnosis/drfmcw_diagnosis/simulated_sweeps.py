@@ -68,8 +68,9 @@ class SimulatedSweeps:
         rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
         if swaying:  # a group's mean is that over its time, in which a crane may swing far
             rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
-        moved = align(part, rows, copies, self._recorded.sweeps, acted(part, effects))
-        return self._features(part, rows, effects, harmonic=harmonic), moved
+        moved = align(part, rows, copies, self._recorded.sweeps, effects)
+        alike = 1 if swaying or len(rows.stations) == 1 else copies  # one station's are told apart by their delays
+        return self._features(part, rows, effects, harmonic=harmonic, copies=alike), moved
 
     def jittered(
         self, part: Part, effects: Sequence[Effect], noise: bool, copies: int, harmonic: bool = False
@@ -85,7 +86,7 @@ class SimulatedSweeps:
         amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
         for number, heard in enumerate(self._recorded.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
-        align(part, rows, copies, self._recorded.sweeps, acted(part, effects))
+        align(part, rows, copies, self._recorded.sweeps, effects)
         return self._features(part, rows, effects, noise, harmonic)
 
     def distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
@@ -99,9 +100,10 @@ class SimulatedSweeps:
         effects: Sequence[Effect],
         noise: bool = False,
         harmonic: bool = False,
+        copies: int = 1,
     ) -> SweepFeatures:
-        """Return features of simulated sweeps, only those that are wanted."""
-        samples = synthesise(rows, 0, effects, noise=noise, quantised=False)
+        """Return features of simulated sweeps, only those that are wanted; `copies` as for `synthesise`."""
+        samples = synthesise(rows, 0, effects, noise, False, copies)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
         full_scale = rows.stations[self._recorded.heard[0]].full_scale
         return part.extract(heard, full_scale, rows.refractive_index, harmonic, noise, noisy=False)
@@ -118,14 +120,6 @@ class SimulatedSweeps:
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
         return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
-
-
-def acted(part: Part, effects: Sequence[Effect]) -> Measurements:
-    """Return the groups' steady conditions after effects."""
-    state = part.steady.rows(slice(None))
-    for effect in sorted(effects, key=lambda e: e.stage):
-        effect.prepare(state)
-    return state
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:

@@ -393,12 +393,13 @@ def _tone(blocks: np.ndarray, time: np.ndarray, size: int) -> tuple[np.ndarray, 
     spectrum = scipy.fft.fft(blocks, length)
     peak = (spectrum.real**2 + spectrum.imag**2).argmax(axis=-1)
     frequency = scipy.fft.fftfreq(length, size)[peak]
+    spread = 2.0 * np.pi * time.var(axis=-1)
     for step in range(_STEPS + 1):
         still = blocks * _rotation(-frequency, time)
         value = still.astype(complex).mean(axis=-1)  # a mean that converts depends on the rows around
         if step < _STEPS:
             slope = (still * time).mean(axis=-1) / np.where(value == 0.0, TINY, value)
-            frequency = frequency + slope.imag / (2.0 * np.pi * time.var(axis=-1))
+            frequency = frequency + slope.imag / spread
     return frequency, value
 
 

@@ -289,32 +289,42 @@ def _phase_noise(m: Measurements, noise: _Noise, receiver: int, g: Geometry) -> 
     return result
 
 
-def _receive(m: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect']) -> np.ndarray:
-    """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q)."""
+def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence['Effect']) -> np.ndarray:
+    """Return what effects that shape chirps add to `if_phase` [n, samples] [rad], less whole turns."""
     own, peer = _own_and_peer(m, receiver)
+    u = np.arange(own.sweep.sample_count) * g.step[:, None]
+    v = g.peer_time(own.sweep.sample_count)
+    bent = np.zeros(u.shape)  # may be hundreds of turns at both stations: reduced before it is float32
+    for effect in effects:
+        if effect.applies_to(own.name):
+            bent += effect.chirp_phase(own, u)
+        if effect.applies_to(peer.name):
+            bent -= effect.chirp_phase(peer, v)
+    bent -= 2.0 * np.pi * np.rint(bent / (2.0 * np.pi))
+    return bent
+
+
+def _receive(
+    m: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect'], copies: int
+) -> np.ndarray:
+    """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q)."""
+    own = m.stations[receiver]
     count = own.sweep.sample_count
     sample = np.arange(count)
     shape = (len(m), count, 2) if own.iq else (len(m), count)
+    shaping = [e for e in effects if e.shapes_chirp]
+    single = m.rows(slice(0, len(m) // copies)) if shaping and copies > 1 else m
     signal = np.zeros(shape, np.float32) if noise is None else noise.additive[receiver].reshape(shape)
-    for path in m.paths:
+    for path, single_path in zip(m.paths, single.paths, strict=True):
         g = geometry(m, receiver, path)
         angle = if_phase(m, receiver, g).astype(np.float32)
         angle *= np.float32(2.0 * np.pi * PHASE_UNIT)
         phase_noise = None if noise is None else _phase_noise(m, noise, receiver, g)
         if phase_noise is not None:
             angle += phase_noise
-        shaping = [e for e in effects if e.shapes_chirp]
         if shaping:
-            u = np.arange(count) * g.step[:, None]
-            v = g.peer_time(count)
-            bent = np.zeros(u.shape)  # may be hundreds of turns at both stations: reduced before it is float32
-            for effect in shaping:
-                if effect.applies_to(own.name):
-                    bent += effect.chirp_phase(own, u)
-                if effect.applies_to(peer.name):
-                    bent -= effect.chirp_phase(peer, v)
-            bent -= 2.0 * np.pi * np.rint(bent / (2.0 * np.pi))
-            angle += bent
+            each = angle.reshape(copies, -1, count)
+            each += _shaped(single, receiver, geometry(single, receiver, single_path), shaping)
         amplitude = (own.amplitude(own.received_power) * path.amplitude).astype(np.float32)[:, None]
         begin, end = overlap(m, receiver, g)
         if own.iq:
@@ -340,7 +350,12 @@ def quantise(signal: np.ndarray, full_scale: float) -> np.ndarray:
 
 
 def synthesise(
-    m: Measurements, seed: int, effects: Sequence['Effect'] = (), noise: bool = True, quantised: bool = True
+    m: Measurements,
+    seed: int,
+    effects: Sequence['Effect'] = (),
+    noise: bool = True,
+    quantised: bool = True,
+    copies: int = 1,
 ) -> tuple[np.ndarray, ...]:
     """Return the IF samples of each station.
 
@@ -352,6 +367,8 @@ def synthesise(
         effects: act in the order of their `stage`, those of one stage as listed.
         noise: False leaves out additive and phase noise.
         quantised: False returns the analogue signal in LSB, float32 [n, samples] or [n, samples, 2].
+        copies: how often the same measurements stand in `m`, one copy after another, that differ in their initial
+            phases alone; it saves time to say so.
 
     Returns:
         Per station int16 [n, samples], or [n, 2 samples] with I and Q interleaved.
@@ -359,15 +376,17 @@ def synthesise(
     effects = sorted(effects, key=lambda effect: effect.stage)
     numbers = _stream_numbers(effects)
     results: list[np.ndarray] = []
-    for begin in range(0, len(m), _CHUNK):
-        rows = slice(begin, begin + _CHUNK)
+    places = np.arange(len(m)).reshape(copies, -1)
+    each = max(_CHUNK // copies, 1)
+    for begin in range(0, places.shape[1], each):
+        rows = places[:, begin : begin + each].ravel()
         chunk = m.rows(rows)
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
             effect.prepare(chunk)
         drawn = _draw_noise(chunk, generators) if noise else None
         for receiver, station in enumerate(chunk.stations):
-            signal = _receive(chunk, drawn, receiver, effects)
+            signal = _receive(chunk, drawn, receiver, effects, copies)
             for effect, number in zip(effects, numbers, strict=True):
                 if effect.applies_to(station.name):
                     effect.receive(signal, station, chunk, _streams(seed, chunk, receiver, number))
