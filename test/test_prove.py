@@ -195,6 +195,14 @@ def test_second_opinion_takes_findings_as_the_tool_writes_them():
         std=-0.1 / 3.0 * twin['parameters']['offset'],
     )
     assert apart(condition, truth(DELAY)['effects'], finding('explained', off)) == [pytest.approx(0.0, abs=0.05)]
+    # two parameters that undo each other are moved together
+    both = [
+        found({**OFFSET, 'parameters': {'offset': -0.05}}, std=0.02),
+        found({**DELAY, 'parameters': {'delay': -0.06}}, std=0.06),
+    ]
+    assert apart(condition, truth(DELAY)['effects'], finding('explained', *both)) == [pytest.approx(0.0, abs=0.05)]
+    fixed = finding('explained', found({**OFFSET, 'parameters': {'offset': -0.0305}}, std=None))
+    assert 0.5 < apart(condition, truth(DELAY)['effects'], fixed)[0] < 1.5
     first, second, third = parted(condition, truth(DELAY)['effects'], said)
     assert first > 4.0 and second is None and third is None
     assert parted(condition, truth(DELAY)['effects'], said | {'next_measurement': 'Sing to it.'}) is None

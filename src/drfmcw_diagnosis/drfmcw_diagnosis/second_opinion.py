@@ -1,5 +1,7 @@
 """What the proof's generator says of a finding: how far from the truth its explanations are, and what would decide."""
 
+import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,7 +16,8 @@ from .proof.sizes import separation
 _IMPOSSIBLE = (ArithmeticError, TypeError, ValueError, np.linalg.LinAlgError)  # parameters without a recording
 _HOPELESS = 10.0  # standard deviations, which no refit brings below those that count as one answer
 
-_ROUNDS = 2  # of all parameters: they are not independent
+_SHARES = (1.0, 0.5, 0.25)  # of a step towards the truth that are tried
+_FLAT = 1e-6  # of the largest curvature, below which a direction is left alone
 
 Effects = Sequence[Mapping[str, Any]]
 
@@ -67,29 +70,38 @@ def _apart(measure: Carried, truth: Effects, explanation: Effects, refit: bool =
 
 
 def _nearest(to_truth: Callable[[Effects], float], explanation: Effects, found: float) -> float:
-    """Return the distance after each parameter in turn was moved to where it is smallest, a parabola by its deviation.
+    """Return the distance after all parameters were moved to where it is smallest: one Newton's step on its square.
 
     The explanation was fitted to the noise too: by so much its data differ even where it acts as the truth does.
+    Differences over the stated deviations give slopes and curvatures, of every two parameters together.
     """
-    best = [{**e, 'parameters': dict(e['parameters'])} for e in explanation]
-    for effect in best * _ROUNDS:
-        for name, stated in list(effect['parameters'].items()):
-            if not stated['std'] or '[' in name:  # values per setting are many
-                continue
+    places = [
+        (number, name)
+        for number, effect in enumerate(explanation)
+        for name, stated in effect['parameters'].items()
+        if stated['std'] and '[' not in name  # values per setting are many
+    ]
+    count = len(places)
 
-            def moved(step: float, effect: Any = effect, name: str = name, stated: Any = stated) -> float:
-                effect['parameters'][name] = {**stated, 'value': stated['value'] + step * stated['std']}
-                return to_truth(best)
+    def square(moves: np.ndarray) -> float:
+        there = [{**e, 'parameters': dict(e['parameters'])} for e in explanation]
+        for (number, name), move in zip(places, moves, strict=True):
+            stated = explanation[number]['parameters'][name]
+            there[number]['parameters'][name] = {**stated, 'value': stated['value'] + move * stated['std']}
+        return to_truth(there) ** 2
 
-            less, more = moved(-1.0), moved(1.0)
-            curvature = less**2 + more**2 - 2.0 * found**2
-            step = float(np.clip(0.5 * (less**2 - more**2) / curvature, -4.0, 4.0)) if curvature > 0.0 else 0.0
-            there = moved(step)
-            if there < found:
-                found = there
-            else:
-                effect['parameters'][name] = stated
-    return found
+    unit = np.eye(count)
+    more, less = (np.array([square(sign * u) for u in unit]) for sign in (1.0, -1.0))
+    curvature = np.diag(more + less - 2.0 * found**2)
+    for i, j in itertools.combinations(range(count), 2):
+        curvature[i, j] = curvature[j, i] = square(unit[i] + unit[j]) - more[i] - more[j] + found**2
+    if not np.all(np.isfinite(curvature)):
+        return found
+    values, axes = np.linalg.eigh(curvature)
+    sound = values > _FLAT * max(values.max(initial=0.0), 0.0)
+    step = -axes[:, sound] @ (axes[:, sound].T @ (0.5 * (more - less)) / values[sound])
+    tried = [math.sqrt(square(share * step)) for share in _SHARES]
+    return min([found, *(one for one in tried if np.isfinite(one))])
 
 
 def _as_concealed(effect: Mapping[str, Any]) -> Applied:
