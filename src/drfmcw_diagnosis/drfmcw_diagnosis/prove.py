@@ -7,17 +7,16 @@ import contextlib
 import dataclasses
 import fcntl
 import json
+import multiprocessing
 import os
 import shlex
 import shutil
-import signal
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from rich.console import Console
@@ -27,6 +26,7 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_sim.monte_carlo import versions
 
+from .diagnose import main as diagnose
 from .judging import judge
 from .proof.cases import FULL, GROUPS, Plan, conceal_case, plans
 from .proof.recordings import Seal, open_seal
@@ -167,20 +167,32 @@ class _Interrupted(Exception):
     """The run ends before this case does."""
 
 
+def _alone(words: Sequence[str], said: Path) -> NoReturn:
+    """Run `drfmcw diagnose` in this process, which is for nothing else; what it says of errors goes to a file."""
+    os.setsid()  # Ctrl-C is for the process that asked for it, which ends the others
+    with open(os.devnull, 'w') as nowhere, open(said, 'w') as file:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    sys.exit(diagnose(words))
+
+
 class _Tries:
     """Tries cases in threads; the tool itself runs in a process of its own that is told the recording's path alone."""
 
     def __init__(self, results: Results, console: Console, keep: bool) -> None:
         self._results, self._console, self._keep = results, console, keep
         self._stop = threading.Event()
-        self._running: set[subprocess.Popen] = set()
+        self._running: set[multiprocessing.process.BaseProcess] = set()
+        # a process that knows no case, but has all imported, starts those of the diagnoses
+        self._server = multiprocessing.get_context('forkserver')
+        self._server.set_forkserver_preload([name for name in sys.modules if name.startswith('drfmcw_')])
         self._making = threading.Lock()
 
     def stop(self) -> None:
         """End the processes at work; cases that are not finished are not stored."""
         self._stop.set()
         for process in list(self._running):
-            process.send_signal(signal.SIGTERM)
+            process.terminate()
 
     def one(self, plan: Plan) -> dict[str, Any]:
         """Conceal, announce, find, open the seal, judge, store.
@@ -222,28 +234,28 @@ class _Tries:
 
     def _diagnose(self, recording: Path, out: Path, without: Sequence[str]) -> tuple[dict[str, Any] | None, str]:
         """Return (finding, '') or (None, what went wrong)."""
-        command = [sys.executable, '-m', 'drfmcw_diagnosis.diagnose', str(recording), '--json', str(out), '--jobs', '1']
+        words = [str(recording), '--json', str(out), '--jobs', '1']
         if without:
-            command += ['--without', ','.join(without)]
-        # a session of its own: Ctrl-C is for this process, which ends the others
-        process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
+            words += ['--without', ','.join(without)]
+        said, errors = out.with_suffix('.txt'), ''
+        said.touch()
+        process = self._server.Process(target=_alone, args=(words, said))
+        process.start()
         self._running.add(process)
-        try:
-            if self._stop.is_set():
-                process.terminate()
-            _, errors = process.communicate(timeout=_PATIENCE)
-        except subprocess.TimeoutExpired:
+        if self._stop.is_set():
+            process.terminate()
+        process.join(_PATIENCE)
+        if process.exitcode is None:
             process.kill()
-            process.communicate()
+            process.join()
             errors = f'no finding after {_PATIENCE:g} s'
-        finally:
-            self._running.discard(process)
+        self._running.discard(process)
         if self._stop.is_set():
             raise _Interrupted
-        if process.returncode:
-            return None, (errors.strip().splitlines() or [f'exit status {process.returncode}'])[-1]
+        errors = errors or said.read_text(encoding='utf-8').strip()
+        said.unlink()
+        if process.exitcode:
+            return None, (errors.splitlines() or [f'exit status {process.exitcode}'])[-1]
         return json.loads(out.read_text(encoding='utf-8')), ''
 
 
