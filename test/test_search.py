@@ -14,7 +14,8 @@ from drfmcw_diagnosis.proof.draws import Extent, random_condition
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import nominal
 from drfmcw_diagnosis.proof.recordings import write_recording
-from drfmcw_diagnosis.search import Search, searched
+from drfmcw_diagnosis.search import Search
+from drfmcw_diagnosis.selection import searched
 from drfmcw_diagnosis.workers import Workers
 from drfmcw_sim.effects import Effect
 

@@ -34,6 +34,7 @@ class Recipe:
     turn: tuple[str, float] = ('', 0.0)  # parameter, and its period by the carrier's phase, which reflection may shift
     fringes: bool = False  # it raises and lowers the received power with the distance
     per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
+    repeats: bool = False  # several of them may be there, each at a place of its own: see `places.cell`
     stations: str = 'each'  # 'each', 'each and both'; ignored where the effect has no station
     trust: Mapping[str, float] = dataclasses.field(default_factory=dict)  # to which the model tells it: dB, or a share
     steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
@@ -78,18 +79,18 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
         Recipe('relative_power', {'relative_power': -50.0}, {'relative_power': 20.0, 'excess_range': 100.0},
                scanned='excess_range', decibel=True, quadrature=('excess_range', WAVE / 4.0),
                steps={'excess_range': 5e-4, 'relative_power': 0.05}, turn=('excess_range', WAVE),
-               fringes=True),
+               fringes=True, repeats=True),
     ),
     'tx_leakage': (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),),
     'spur': (
         Recipe('level', {'level': -80.0}, {'level': 20.0, 'frequency': 5e5}, scanned='frequency', decibel=True,
-               steps={'frequency': 20.0, 'level': 0.05}),
+               steps={'frequency': 20.0, 'level': 0.05}, repeats=True),
     ),
     'sweep_curvature': (Recipe('deviation', {'deviation': 50.0}, {'deviation': 1e4}),),
     'sweep_ripple': (
         Recipe('deviation', {'deviation': 20.0}, {'deviation': 2e3, 'rate': 5e4, 'phase': 3.0},
                scanned='rate', quadrature=('phase', np.pi / 2.0),
-               steps={'rate': 5.0, 'phase': 0.01}),
+               steps={'rate': 5.0, 'phase': 0.01}, repeats=True),
     ),
     'pll_settling': (
         Recipe('step', {'step': 500.0}, {'step': 1e5, 'natural_frequency': 5e4, 'damping': 1.0},

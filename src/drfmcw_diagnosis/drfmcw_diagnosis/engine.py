@@ -28,7 +28,8 @@ from .result import (
     NextMeasurement,
 )
 from .rivals import rivals, widened
-from .search import Search, searched
+from .search import Search
+from .selection import searched
 from .views import locations, misfit_map, remainder, separability, series
 from .wording import sentences
 

@@ -1,5 +1,6 @@
 """Judges a finding by the truth that was sealed: pure rules over two JSON objects."""
 
+import collections
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -70,8 +71,15 @@ def words(explanation: Explained) -> str:
 
 
 def keys(effects: Sequence[Mapping[str, Any]]) -> Explained:
-    """Return effects with their stations, without sizes."""
-    return frozenset((e['effect'], e['station']) for e in effects)
+    """Return effects with their stations, without sizes; further ones of a kind are numbered, such as 'echo 2'."""
+    met: collections.Counter[tuple[str, str | None]] = collections.Counter()
+    found = []
+    for effect in effects:
+        name, station = effect['effect'], effect['station']
+        met[name, station] += 1
+        number = met[name, station]
+        found.append((name if number == 1 else f'{name} {number}', station))
+    return frozenset(found)
 
 
 def judge(truth: Mapping[str, Any], finding: Mapping[str, Any], apart: Sequence[float | None] = ()) -> Judgement:
@@ -164,7 +172,8 @@ def _difference(found: Explained, wanted: Explained) -> str:
 def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> Iterator[Pull]:
     """Yield the parameters that truth and finding both state; phases are left out, they tell the sign of a size."""
     for truth in truths:
-        (same,) = (f for f in found if (f['effect'], f['station']) == (truth['effect'], truth['station']))
+        alike = [f for f in found if (f['effect'], f['station']) == (truth['effect'], truth['station'])]
+        same = min(alike, key=lambda f: _distance(truth['parameters'], f['parameters']))
         unsigned = 'phase' in same['parameters']
         for name, value in truth['parameters'].items():
             several = value if isinstance(value, list) else None
@@ -175,3 +184,9 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
                 estimate = abs(stated['value']) if unsigned else stated['value']
                 if math.isfinite(true):
                     yield Pull(truth['effect'], name, float(true), estimate, stated['std'])
+
+
+def _distance(true: Mapping[str, Any], stated: Mapping[str, Any]) -> float:
+    """Return by which part of their values the parameters differ that both state."""
+    shared = [(v, stated[n]['value']) for n, v in true.items() if n in stated and not isinstance(v, list)]
+    return sum(abs(a - b) / max(abs(a), abs(b), 1e-30) for a, b in shared)

@@ -18,6 +18,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from .comparison import Comparison
 from .features import BURST, HARMONICS, LINE, SPAN
 
+_HANN = 2.0  # resolution cells that a Hann window's line is wide, half of it
 _FINE = 8  # transform bins per resolution cell
 _PEAKS = 3  # places of each effect
 _DECIBEL = 20.0 / math.log(10.0)  # of one neper
@@ -65,6 +66,17 @@ def places(
     if effect == 'interference_burst':
         return _bursts(comparison, residual, station) if station >= 0 else []
     return [{parameter: value} for value in _values(comparison, residual, effect, station)]
+
+
+def cell(comparison: Comparison, effect: str) -> float:
+    """Return the width of a resolution cell, in units of the parameter that makes an effect sharp; 0 of no such effect.
+
+    Two of a kind nearer than that are not told from one.
+    """
+    sweep = comparison.data.sweeps[0][0]
+    begin, end = sweep.analysis_window()
+    rate = 1.0 / (end - begin)
+    return {'echo': rate / _per_metre(comparison), 'spur': _HANN * rate, 'sweep_ripple': rate}.get(effect, 0.0)
 
 
 def _values(comparison: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:

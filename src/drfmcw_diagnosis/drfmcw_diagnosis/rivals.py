@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .bank import Candidate
-from .fitting import Fitted
+from .fitting import Fitted, FittedEffect
 from .search import RIVAL, Search
 
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
@@ -42,7 +42,7 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
     shares = np.exp([min(0.5 * (fitted.misfit - other.misfit), 0.0) for other in places])
     told = []
     for effect in fitted.effects:
-        same = [next(e for e in other.effects if e.key == effect.key) for other in places]
+        same = [_nearest(effect, other) for other in places]
         told.append(dict(effect.told))
         for name, std in effect.stds.items():
             if name not in effect.told:
@@ -50,6 +50,13 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
                 variance = (std**2 + shares @ squares) / (1.0 + shares.sum())
                 told[-1][name] = effect.values[name], float(np.sqrt(variance))
     return fitted.with_told(told)
+
+
+def _nearest(effect: FittedEffect, other: Fitted) -> FittedEffect:
+    """Return the effect of the same kind in another explanation, where there are several the one at the next place."""
+    name = effect.candidate.recipe.scanned
+    alike = [e for e in other.effects if e.key == effect.key]
+    return min(alike, key=lambda e: abs(e.values[name] - effect.values[name]) if name in effect.values else 0.0)
 
 
 def _is_near(other: Fitted, fitted: Fitted) -> bool:

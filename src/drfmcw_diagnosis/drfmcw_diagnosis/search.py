@@ -1,4 +1,4 @@
-"""Forward search for the effects that explain a recording, joint refinement, pruning and exchanges."""
+"""The search for one more effect that explains a recording, or one in the place of another: bank, templates, fits."""
 
 import collections
 import dataclasses
@@ -14,17 +14,12 @@ from drfmcw_sim.effects import Effect
 from .bank import RECIPES, Candidate, at_stations, candidates
 from .comparison import Comparison
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
-from .places import CELLS, places
+from .places import CELLS, cell, places
 from .workers import Workers
-
-MOST_EFFECTS = 4
-"""Effects in one explanation."""
 
 RIVAL = 16.0
 """Squared distance below which two explanations are one answer (4 sigma)."""
 
-_HOPELESS = 0.1  # of a misfit many times that of noise, which each effect must explain at least
-_FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
 _TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
 _REFINED = 5  # of them that are refined, by what they bring where the refinement begins
 _STARTS = 6  # places of each kind at which a refinement begins
@@ -41,9 +36,7 @@ _PLACES = 2  # of each
 _PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
 _FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
 _BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
-_BETTER = 3.0  # log evidence by which an exchange must be better to be made
 _SAME = 4.0  # squared distance below which two fits of the same effects are the same (2 sigma)
-_EXCHANGED = 3  # times at most
 _KEPT = 512  # templates
 _PARALLEL = 0.02  # of a template's power that counts, however much of it an explanation may follow
 _BEYOND_LEVEL = 16.0  # gain that a second path must bring elsewhere than in the received power, which may wander
@@ -149,6 +142,7 @@ class Search(Fitting):
         reflector may shift it. The misfit at whole turns around the best is a parabola by the delay itself: its vertex
         is the length, its curvature the deviation.
         """
+        told = [dict(effect.told) for effect in fitted.effects]
         for number, effect in enumerate(fitted.effects):
             name, period = effect.candidate.recipe.turn
             if not name:
@@ -164,13 +158,10 @@ class Search(Fitting):
             if curvature <= 0.0:
                 continue
             vertex = 0.5 * (left - right) / curvature
-            best = fits[1].effects[number]
-            value = best.values[name] + float(np.clip(vertex, -1.0, 1.0)) * period
+            value = fits[1].effects[number].values[name] + float(np.clip(vertex, -1.0, 1.0)) * period
             std = math.hypot(period * math.sqrt(2.0 / curvature), period * _REFLECTION)
-            effects = list(fits[1].effects)
-            effects[number] = dataclasses.replace(best, told={name: (value, std)})
-            fitted = dataclasses.replace(fits[1], effects=tuple(effects))
-        return fitted
+            fitted, told[number] = fits[1], {name: (value, std)}
+        return fitted.with_told(told)
 
     def _nearest_turn(self, fitted: Fitted, number: int, name: str, period: float) -> Fitted:
         """Return the explanation with the whole number of turns that fits best."""
@@ -186,17 +177,17 @@ class Search(Fitting):
             fitted = best
 
     def _promising(
-        self, residual: np.ndarray, exclude: set[tuple[str, str]], freedom: Freedom | None
+        self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None
     ) -> list[tuple[float, Candidate, dict]]:
         """Return (promised gain, candidate, values) of the bank's places, best first.
 
         Args:
             residual: that they should explain.
-            exclude: effects that are not tried.
-            freedom: of the explanation that is there already and may follow.
+            beside: effects of the explanation that is there already.
+            freedom: of that explanation, which may follow.
         """
-        scanned = [c for c in self._scanned(residual) if c.key not in exclude]
-        kept = [i for i, c in enumerate(self.bank) if c.key not in exclude]
+        scanned = [c for c in self._scanned(residual) if self._is_other(c, c.values, beside)]
+        kept = [i for i, c in enumerate(self.bank) if self._is_other(c, c.values, beside)]
         chosen = [*(self.bank[i] for i in kept), *scanned]
         weighted = (residual * self._weight**2).astype(np.float32)
         templates = np.concatenate(
@@ -210,6 +201,12 @@ class Search(Fitting):
             if p > _NOTHING**2
         ]
         return sorted(found, key=lambda item: -item[0])
+
+    def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
+        """Return whether a place is that of another effect than those beside it, or of one more of the same kind."""
+        same = [e for e in beside if e.key == candidate.key]
+        name, width = candidate.recipe.scanned, cell(self.comparison, candidate.effect)
+        return all(candidate.recipe.repeats and abs(e.values[name] - values[name]) > width for e in same)
 
     def _power(self, templates: np.ndarray, freedom: Freedom | None) -> np.ndarray:
         """Return the squared lengths of templates (..., n) beyond what an explanation may follow of them."""
@@ -286,15 +283,16 @@ class Search(Fitting):
         return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
-        """Return whether the last effect of an explanation is certain and not told by a wander of the power alone.
+        """Return whether an explanation's last effect is certain, another one, and more than a wander of the power.
 
         Args:
             fitted: the explanation.
             beside: template of the other effects.
         """
-        if not fitted.certain:
+        *others, last = fitted.effects
+        if not fitted.certain or not self._is_other(last.candidate, last.values, others):
             return False
-        if not fitted.effects[-1].candidate.recipe.fringes:
+        if not last.candidate.recipe.fringes:
             return True
         elsewhere = ~self.comparison.entries.where(kind='amplitude')
         before, after = (
@@ -306,9 +304,8 @@ class Search(Fitting):
         """Return explanations with one more effect than `current`, refined, best first."""
         beside = current.template if current else 0.0
         residual = self.comparison.residual - beside
-        have = {e.key for e in current.effects} if current else set()
         freedom = self.freedom(current)
-        promising = self._promising(residual, have, freedom)
+        promising = self._promising(residual, current.effects if current else (), freedom)
         chosen: dict[tuple, list] = {}
         for gain, candidate, values in promising:
             if gain < _LEAST:
@@ -386,7 +383,7 @@ class Search(Fitting):
         residual = self.comparison.residual - rest.template
         found: list[tuple[Candidate, dict]] = []
         tried: dict[tuple, list[np.ndarray]] = {}
-        for gain, candidate, values in self._promising(residual, {e.key for e in rest.effects}, self.freedom(rest)):
+        for gain, candidate, values in self._promising(residual, rest.effects, self.freedom(rest)):
             if gain < least or len(tried) >= _FEW:
                 break
             there = tried.setdefault(candidate.key, [])
@@ -398,104 +395,3 @@ class Search(Fitting):
                 there.append(template)
                 found.append((candidate, values))
         return found
-
-
-@dataclasses.dataclass(frozen=True)
-class Found:
-    """What a search came to."""
-
-    explanation: Fitted | None
-    significance: float  # chance of the first effect
-    rounds: list[list[Fitted]]  # ranking at each addition
-    exchanged: list[Fitted]  # explanations with one effect exchanged
-
-
-def searched(search: Search, false_alarm_rate: float) -> Found:
-    """Return the effects that the data demand: added one by one, dropped again, and exchanged for better ones.
-
-    Args:
-        search: prepared.
-        false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
-    """
-    search.trust(None)
-    current, significance, rounds = forward(search, None, false_alarm_rate)
-    current = pruned(search, current, false_alarm_rate)
-    exchanged: list[Fitted] = []
-    for _ in range(_EXCHANGED):
-        if current is None:
-            break
-        search.trust(current)
-        current = search.again(current)
-        if rounds[-1] and _hopeless(search, current.misfit, rounds[-1][0].misfit):
-            break
-        search.report('rivals', 0.9)
-        exchanged = search.exchanges(current)
-        if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
-            break
-        current = search.settled(exchanged[0])
-        current, _, more = forward(search, current, false_alarm_rate)
-        current = pruned(search, current, false_alarm_rate)
-        rounds += more
-    return Found(current, significance, rounds, exchanged)
-
-
-def _hopeless(search: Search, before: float, after: float) -> bool:
-    """Return whether an effect explains so little of a large misfit that the few which may follow will not either."""
-    excess = before - len(search.comparison.residual)
-    return excess > len(search.comparison.residual) and before - after < _HOPELESS * excess
-
-
-def forward(
-    search: Search, current: Fitted | None, false_alarm_rate: float
-) -> tuple[Fitted | None, float, list[list[Fitted]]]:
-    """Return an explanation with effects added, the chance of the first addition, and the ranking of each round.
-
-    Args:
-        search: prepared.
-        current: effects to begin with, None for none.
-        false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
-    """
-    significance = 1.0
-    rounds: list[list[Fitted]] = []
-    while current is None or len(current.effects) < MOST_EFFECTS:
-        if current is not None:
-            search.trust(current)
-            current = search.again(current)
-        ranked = search.best_addition(current)
-        rounds.append(ranked)
-        beside = current.template if current is not None else 0.0
-        best = next((f for f in ranked if search.credible(f, beside)), None)
-        if best is None:
-            break
-        before = current.misfit if current else search.misfit(0.0)
-        added = best.effects[-1]
-        gain = before - best.misfit - search.imitated(added, current)
-        chance = search.probability(gain, len(added.candidate.free), added.key)
-        if len(rounds) == 1:
-            significance = chance
-        needed = current.evidence if current else 0.0
-        accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
-        if chance > accepted or best.evidence <= needed + 1.0:
-            break
-        if _hopeless(search, before, best.misfit):
-            break
-        current = search.settled(best)
-    return current, significance, rounds
-
-
-def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:
-    """Return an explanation without the effects that the others leave too little to explain."""
-    while found is not None and len(found.effects) > 1:
-        search.trust(found)
-        found = search.again(found)
-        chances = []
-        for number, effect in enumerate(found.effects):
-            rest = tuple(e for i, e in enumerate(found.effects) if i != number)
-            without = search.again(dataclasses.replace(found, effects=rest))
-            gain = without.misfit - found.misfit - search.imitated(effect, without)
-            chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
-        chance, without = max(chances, key=lambda item: item[0])
-        if chance <= false_alarm_rate * _FURTHER:
-            break
-        found = without
-    return found

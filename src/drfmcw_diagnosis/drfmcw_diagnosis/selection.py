@@ -1,0 +1,115 @@
+"""Which effects a recording demands: added one by one, dropped again, and exchanged for better ones."""
+
+import dataclasses
+
+from .fitting import Fitted
+from .search import Search
+
+MOST_EFFECTS = 4
+"""Effects in one explanation."""
+
+_HOPELESS = 0.1  # of a misfit many times that of noise, which each effect must explain at least
+_FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
+_BETTER = 3.0  # log evidence by which an exchange must be better to be made
+_EXCHANGED = 3  # times at most
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What a search came to."""
+
+    explanation: Fitted | None
+    significance: float  # chance of the first effect
+    rounds: list[list[Fitted]]  # ranking at each addition
+    exchanged: list[Fitted]  # explanations with one effect exchanged
+
+
+def searched(search: Search, false_alarm_rate: float) -> Found:
+    """Return the effects that the data demand: added one by one, dropped again, and exchanged for better ones.
+
+    Args:
+        search: prepared.
+        false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
+    """
+    search.trust(None)
+    current, significance, rounds = forward(search, None, false_alarm_rate)
+    current = pruned(search, current, false_alarm_rate)
+    exchanged: list[Fitted] = []
+    for _ in range(_EXCHANGED):
+        if current is None:
+            break
+        search.trust(current)
+        current = search.again(current)
+        if rounds[-1] and _hopeless(search, current.misfit, rounds[-1][0].misfit):
+            break
+        search.report('rivals', 0.9)
+        exchanged = search.exchanges(current)
+        if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
+            break
+        current = search.settled(exchanged[0])
+        current, _, more = forward(search, current, false_alarm_rate)
+        current = pruned(search, current, false_alarm_rate)
+        rounds += more
+    return Found(current, significance, rounds, exchanged)
+
+
+def _hopeless(search: Search, before: float, after: float) -> bool:
+    """Return whether an effect explains so little of a large misfit that the few which may follow will not either."""
+    excess = before - len(search.comparison.residual)
+    return excess > len(search.comparison.residual) and before - after < _HOPELESS * excess
+
+
+def forward(
+    search: Search, current: Fitted | None, false_alarm_rate: float
+) -> tuple[Fitted | None, float, list[list[Fitted]]]:
+    """Return an explanation with effects added, the chance of the first addition, and the ranking of each round.
+
+    Args:
+        search: prepared.
+        current: effects to begin with, None for none.
+        false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
+    """
+    significance = 1.0
+    rounds: list[list[Fitted]] = []
+    while current is None or len(current.effects) < MOST_EFFECTS:
+        if current is not None:
+            search.trust(current)
+            current = search.again(current)
+        ranked = search.best_addition(current)
+        rounds.append(ranked)
+        beside = current.template if current is not None else 0.0
+        best = next((f for f in ranked if search.credible(f, beside)), None)
+        if best is None:
+            break
+        before = current.misfit if current else search.misfit(0.0)
+        added = best.effects[-1]
+        gain = before - best.misfit - search.imitated(added, current)
+        chance = search.probability(gain, len(added.candidate.free), added.key)
+        if len(rounds) == 1:
+            significance = chance
+        needed = current.evidence if current else 0.0
+        accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
+        if chance > accepted or best.evidence <= needed + 1.0:
+            break
+        if _hopeless(search, before, best.misfit):
+            break
+        current = search.settled(best)
+    return current, significance, rounds
+
+
+def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:
+    """Return an explanation without the effects that the others leave too little to explain."""
+    while found is not None and len(found.effects) > 1:
+        search.trust(found)
+        found = search.again(found)
+        chances = []
+        for number, effect in enumerate(found.effects):
+            rest = tuple(e for i, e in enumerate(found.effects) if i != number)
+            without = search.again(dataclasses.replace(found, effects=rest))
+            gain = without.misfit - found.misfit - search.imitated(effect, without)
+            chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
+        chance, without = max(chances, key=lambda item: item[0])
+        if chance <= false_alarm_rate * _FURTHER:
+            break
+        found = without
+    return found
