@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from drfmcw_diagnosis.comparison import Comparison
 from drfmcw_diagnosis.dataset import read_dataset
 from drfmcw_diagnosis.fitting import Freedom
+from drfmcw_diagnosis.proof.decoys import DECOYS
 from drfmcw_diagnosis.proof.draws import Extent, random_condition
 from drfmcw_diagnosis.proof.effects import Applied, conceal
 from drfmcw_diagnosis.proof.generator import nominal
 from drfmcw_diagnosis.proof.recordings import write_recording
+from drfmcw_diagnosis.rivals import rivals
 from drfmcw_diagnosis.search import Search
 from drfmcw_diagnosis.selection import searched
 from drfmcw_diagnosis.workers import Workers
@@ -89,6 +91,67 @@ def test_a_drives_sway_shows_in_its_range(tmp_path):
     )
     # 84 numbers, 5 standard deviations: false failure below 1e-6
     assert chi_square(comparison, 'movement', *effects) < 1.0 + 5.0 * np.sqrt(2.0 / 84)
+
+
+def test_two_echoes_are_two(tmp_path):
+    """Of 50 sigma each, 6 m apart: each excess range to its deviation, by the delay and not by the carrier's phase."""
+    truth = {4.2: -48.0, 10.1: -49.0}
+    echoes = [
+        Applied('echo', None, {'excess_range': excess, 'relative_power': power, 'phase': 1.0})
+        for excess, power in truth.items()
+    ]
+    comparison = compared(tmp_path / 'r', 34, *echoes)
+    others = set(Effect.registry) - {'echo', 'ground_reflection', 'sweep_ripple', 'pll_settling'}
+    found = searched(Search(comparison, without=others), 0.01).explanation
+    assert [e.key for e in found.effects] == [('echo', '')] * 2
+    for effect in found.effects:
+        value, std = effect.told['excess_range']
+        excess = min(truth, key=lambda e: abs(e - value))
+        # 4 values, 4.5 standard deviations: false failure below 1e-4
+        assert abs(value - excess) < 4.5 * std and std < 0.1
+        assert abs(effect.values['relative_power'] - truth[excess]) < 4.5 * effect.stds['relative_power']
+    assert len({round(e.told['excess_range'][0]) for e in found.effects}) == 2
+
+
+def test_a_reflection_follows_the_true_distance_and_not_the_reference(tmp_path):
+    """An error of 0.1 m of the reference turns the second ray by 0.4 rad where the target is near."""
+    reflection, offset = {'height_product': 50.0, 'coefficient': 0.02}, {'offset': 0.1}
+    comparison = compared(
+        tmp_path / 'r', 35, Applied('ground_reflection', None, reflection), Applied('reference_offset', None, offset)
+    )
+    effects = Effect.registry['ground_reflection'](**reflection), Effect.registry['reference_offset'](**offset)
+    numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
+    # 5 standard deviations of some 3000 numbers and 2 % of the deviations told by scatter: false failure below 1e-6
+    assert chi_square(comparison, 'ramp', *effects) < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
+    assert chi_square(comparison, 'ramp', effects[0]) > 1.2
+
+
+def test_what_is_told_of_neither_of_two_effects_makes_four_explanations(tmp_path):
+    """Whose reference is off and whose path is longer: the data tell neither."""
+    both = (
+        Applied('reference_clock_offset', 'slave', {'deviation': -0.3}),
+        Applied('reference_offset', None, {'offset': -0.04}),
+    )
+    known = {'reference_clock_offset', 'reference_offset', 'delay_offset'}
+    search = Search(compared(tmp_path / 'r', 36, *both), without=set(Effect.registry) - known)
+    result = searched(search, 0.01)
+    explanations = {f.keys for f in [result.explanation, *rivals(search, result.explanation, result.exchanged)]}
+    assert explanations == {
+        tuple(sorted([('reference_clock_offset', station), (effect, '')]))
+        for station in ('master', 'slave')
+        for effect in ('reference_offset', 'delay_offset')
+    }
+
+
+def test_a_line_beyond_nyquist_is_left_out(tmp_path):
+    """References 40 ppm apart as calibrated put lines where they fold back: the other sweeps hold nothing amiss."""
+    condition, _ = DECOYS['calibrated alphas far apart'](np.random.default_rng(37), Extent(14, 8))
+    write_recording(nominal(condition), tmp_path / 'r')
+    comparison = Comparison(read_dataset(tmp_path / 'r'))
+    assert 6 <= len(comparison.members) < 14
+    numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
+    # as above
+    assert chi_square(comparison, 'ramp') < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
 
 
 def _power(items, number):

@@ -18,6 +18,7 @@ from .recorded_sweeps import RecordedSweeps
 from .simulated_sweeps import DISTORTED, SimulatedSweeps
 
 _RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
+_BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follow the distance
 _BURSTING = 12  # sweeps simulated per group, at most, where one comes and goes
 
 
@@ -51,10 +52,10 @@ class Predictor:
     @functools.lru_cache(maxsize=64)  # noqa: B019 a predictor lives as long as its predictions are wanted
     def _predict(self, effects: tuple[Effect, ...]) -> Groups:
         found: list[Groups] = []
-        for part in self._recorded.parts:
+        for recorded in self._recorded.parts:
+            part, reference = self._placed(recorded, effects)
             state = acted(part, effects)
             features = self._simulated.mean(part, [e for e in effects if not e.bursts()])
-            reference = self._reference(part, effects)
             displacement = self._displacement(part, effects)
             quiet, shared = self.noise.predicted(part, state, effects, features.line)
             velocity = self._velocity(part.steady, effects)
@@ -156,6 +157,21 @@ class Predictor:
         spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
         bands = [self._recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
         return np.array([unevenness(q)[0] for q in quiet]), np.array(bands)
+
+    def _placed(self, part: Part, effects: Sequence[Effect]) -> tuple[Part, np.ndarray]:
+        """Return where the model has its groups, and what the reference says there (G,) [m].
+
+        An error of the reference means that the target stands elsewhere. To first order that changes the range alone;
+        but a reflection, told to a part of the carrier's wavelength, follows the true distance.
+        """
+        reading = self._reference(part, effects)
+        error = reading - part.steady.range
+        if not error.any() or not any('delay' in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
+            return part, reading
+        steady = part.steady.rows(slice(None))
+        steady.range -= error
+        steady.paths[0].delay -= error * steady.refractive_index / SPEED_OF_LIGHT
+        return dataclasses.replace(part, steady=steady), part.steady.range
 
     def _reference(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way."""
