@@ -565,6 +565,7 @@ def test_lines_of_two_explanations_are_compared_by_their_powers():
     assert sizes.separation(c, [strong], [weak]) == pytest.approx(apart, rel=0.05)
     alone = sizes.separation(c, [], [weak])
     assert sizes.separation(c, [weak], []) == pytest.approx(alone, rel=1e-3)
+    assert sizes.separation(c, [], [weak, elsewhere]) == pytest.approx(math.sqrt(2.0) * alone, rel=0.02)
     assert sizes.separation(c, [elsewhere], [weak]) == pytest.approx(math.sqrt(2.0) * alone, rel=0.02)
 
 

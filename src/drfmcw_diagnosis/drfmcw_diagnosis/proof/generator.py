@@ -187,7 +187,7 @@ class Scene:
     reference_lag: float = 0.0
     reference_errors: list[Callable[[np.ndarray], np.ndarray]] = dataclasses.field(default_factory=list)
     burst_power: list[tuple[int, float, float, float]] = dataclasses.field(default_factory=list)
-    own_phases: list[tuple[int, int]] = dataclasses.field(default_factory=list)  # drawn in every sweep: stream, station
+    own_phases: list[tuple[int, int, int]] = dataclasses.field(default_factory=list)  # stream, number, station
     advance: float = 0.0  # of these phases from those drawn, as in another realisation [turns]
 
     def __len__(self) -> int:
@@ -198,13 +198,13 @@ class Scene:
         """Return the generator of a purpose and key."""
         return np.random.Generator(np.random.SFC64(np.random.SeedSequence([self.condition.seed, purpose, *key])))
 
-    def own_phase(self, stream: int, station: int, rows: Rows) -> np.ndarray:
-        """Return the phase of its own that an effect has in every sweep [rows] [turns].
+    def own_phase(self, stream: int, number: int, station: int, rows: Rows) -> np.ndarray:
+        """Return the phase that an effect draws in every sweep [rows] [turns]; it is one of `own_phases`.
 
         Effects advance by different odd multiples of `advance`: over a circle of advances they keep no time.
         """
-        drawn = np.array([self.stream(Stream.EFFECT, stream, station, int(row)).random() for row in rows])
-        return drawn + (2 * self.own_phases.index((stream, station)) + 1) * self.advance
+        drawn = np.array([self.stream(Stream.EFFECT, stream, number, station, int(row)).random() for row in rows])
+        return drawn + (2 * self.own_phases.index((stream, number, station)) + 1) * self.advance
 
     def range_at(self, rows: Rows, time: np.ndarray, seen_only: bool = False) -> np.ndarray:
         """Return the distance of antennas, or what a reference instrument aims at, at `time` [rows, ...] [m]."""

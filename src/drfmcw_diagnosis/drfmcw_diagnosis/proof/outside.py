@@ -72,14 +72,15 @@ def _frequency_step(scene: Scene, stations: tuple[int, ...], p: Parameters) -> N
 )
 def _fan_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """A fan's blades, or a pulsed supply, take a share of the amplitude in pulses of their own phase."""
+    number = len(scene.own_phases)
 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        start = scene.own_phase(_FAN, station, rows)
+        start = scene.own_phase(_FAN, number, station, rows)
         turn = p['rate'] * scene.step(station)[rows, None] * np.arange(x.shape[1]) + start[:, None]
         return (x * (1.0 - p['depth'] * (np.mod(turn, 1.0) < p['duty']))).astype(x.dtype)
 
     for s in stations:
-        scene.own_phases.append((_FAN, s))
+        scene.own_phases.append((_FAN, number, s))
         scene.analogue[s].append((Stage.AMPLIFIER, hook))
 
 
@@ -111,14 +112,15 @@ def _delay_hysteresis(scene: Scene, stations: tuple[int, ...], p: Parameters) ->
 @_outside('adc_dither', 'station', {'amplitude': 'LSB', 'period': 'samples'}, linear('amplitude', 0.3, 2000.0))
 def _adc_dither(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """Triangular dither of the converter that nobody subtracts, its start anywhere."""
+    number = len(scene.own_phases)
 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        start = scene.own_phase(_DITHER, station, rows)
+        start = scene.own_phase(_DITHER, number, station, rows)
         turn = np.mod(np.arange(x.shape[1]) / p['period'] + start[:, None], 1.0)
         return (x + p['amplitude'] * (4.0 * np.abs(turn - 0.5) - 1.0)).astype(x.dtype)
 
     for s in stations:
-        scene.own_phases.append((_DITHER, s))
+        scene.own_phases.append((_DITHER, number, s))
         scene.analogue[s].append((Stage.LIMITER, hook))
 
 

@@ -225,14 +225,16 @@ def _tx_leakage(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
 
 @kind('spur', 'station', {'frequency': 'Hz', 'level': 'dBFS'}, decibel('level', -90.0, -130.0, -20.0))
 def _spur(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    number = len(scene.own_phases)
+
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        start = scene.own_phase(_SPUR, station, rows)
+        start = scene.own_phase(_SPUR, number, station, rows)
         u = scene.step(station)[rows, None] * np.arange(x.shape[1])
         line = np.cos(2.0 * math.pi * (p['frequency'] * u + start[:, None]))
         return x + (full_scale(scene, p['level']) * line).astype(x.dtype)
 
     for s in stations:
-        scene.own_phases.append((_SPUR, s))
+        scene.own_phases.append((_SPUR, number, s))
         scene.analogue[s].append((Stage.INPUT, hook))
 
 

@@ -193,7 +193,7 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
         smooth = np.where(on, smooth, 0.0)
         pair = [smooth, smooth]
-        turning = [any(station == s for _, station in scene.own_phases) for scene in (before, after)]
+        turning = [any(station == s for *_, station in scene.own_phases) for scene in (before, after)]
         if _is_heard(before, after, s):
             heard = [_heard(before, after, s, rows, new.real, i, any(turning)) for i in (0, 1)]
             pair = [smooth + _relative(np.mean(changed - plain, axis=0), new, on) for plain, changed in heard]
