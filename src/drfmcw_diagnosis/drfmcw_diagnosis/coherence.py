@@ -52,6 +52,15 @@ def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
     return Sidebands(offset, upper, lower, edges, present)
 
 
+def phasor(turns: np.ndarray) -> np.ndarray:
+    """Return exp(2j pi turns), complex64, however many turns."""
+    angle = (2.0 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+    result = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=result.real)
+    np.sin(angle, out=result.imag)
+    return result
+
+
 def measured(
     samples: Sequence[np.ndarray],
     line: np.ndarray,
@@ -78,7 +87,7 @@ def measured(
         time = np.arange(x.shape[1]) / sweep.sample_rate
         bend = 0.5 * chirp[number] * (time - np.average(time, weights=window)) ** 2
         turns = line[:, number, None] * time + bend
-        still = x * window.astype(np.float32) * np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
+        still = x * window.astype(np.float32) * phasor(-turns)
         spectrum = scipy.fft.fft(still, axis=1)
         spectrum /= spectrum[:, :1]
         bins = np.arange(_NEAREST, _NEAREST + len(used.offset))

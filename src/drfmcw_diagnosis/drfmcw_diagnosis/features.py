@@ -294,8 +294,7 @@ class Extractor:
         on the line, its mirror or 0 Hz.
         """
         rate, step = sweep.sample_rate, np.arange(len(weights))
-        turns = frequency[:, None] / rate * step
-        turn = np.exp((-2j * np.pi) * (turns - np.floor(turns))).astype(np.complex64)
+        turn = coherence.phasor(-(frequency[:, None] / rate) * step)
         weighted = samples * weights.astype(np.float32)
         line = np.einsum('ij,ij->i', weighted, turn)
         if self.iq:  # a quadrature receiver's line may stand at negative frequency
