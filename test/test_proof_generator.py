@@ -593,6 +593,12 @@ def test_bursts_pay_for_the_places_where_they_could_be():
     assert size(20.0) == pytest.approx(math.sqrt(16 * 0.2 * (moved**2 - 2.0 * math.log(32 / 0.2))), rel=0.02)
     assert size(3.0, probability=1.0, length=2048.0) == pytest.approx(math.sqrt(16 * 1024) * math.log(4.0), rel=0.02)
     assert size(0.1) < size(1.0) < size(2.0) < size(20.0)
+    weak, strong = (
+        Applied('interference_burst', 'master', {'probability': 0.2, 'level': level, 'duration': 5e-5})
+        for level in (-51.0, -50.0)
+    )
+    alone = [sizes.separation(c, [], [burst]) for burst in (weak, strong)]
+    assert sizes.separation(c, [weak], [strong]) == pytest.approx(alone[1] - alone[0], rel=1e-6)
 
 
 def test_filters_nearly_alike_are_not_told_apart():

@@ -17,7 +17,8 @@ logarithm of the best detector's likelihood ratio (twice Kullback and Leibler's 
   at most 4 % less than for a detector that knows rho.
 - Of bursts the place is unknown. The record is looked at in windows of the burst's length: the power in one is a number
   of unit deviation, which a burst moves by s, and each window holds one with the same small chance. d^2 is twice the
-  divergence of that mixture from its noise: the places that could hold a burst are paid for.
+  divergence of that mixture from its noise: the places that could hold a burst are paid for. Bursts of one station in
+  two explanations count by the difference of their d, which is the least that they can be apart.
 """
 
 import dataclasses
@@ -274,8 +275,7 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
         return conceal(nominal(condition), [e for e in effects if e.effect != 'interference_burst'])
 
     before, after = scene(some), scene(all_)
-    changed = [e for e in (*some, *all_) if (e in some) != (e in all_)]
-    bursts = conceal(nominal(condition), changed).burst_power
+    bursts = [conceal(nominal(condition), effects).burst_power for effects in (some, all_)]
     if before.own_phases or after.own_phases:
         most = min(most, _FEW)
     nothing_heard = not any(_is_heard(before, after, s) for s in (FIRST, SECOND))
@@ -308,7 +308,12 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
             excess = max(float(np.mean(own - coherent)), 0.0) / freedom
             noise += 0.5 * len(everything) * freedom * math.log1p(excess) ** 2
         noise += weight * _of_own_phases(change, precision, weighted, spread)
-        noise += len(everything) * sum(_of_bursts(before, int(rows[0]), (covariance, present), *b) for b in bursts)
+        for s in (FIRST, SECOND):
+            one, other = (
+                sum(_of_bursts(before, int(rows[0]), (covariance, present), *b) for b in listed if b[0] == s)
+                for listed in bursts
+            )
+            noise += len(everything) * (math.sqrt(other) - math.sqrt(one)) ** 2
         mean = 0.5 * (fit + fit_other)
         speed = SPEED_OF_LIGHT / (1.0 + 1e-6 * before.refractivity[rows])
         error = speed * mean[:, _FLIGHT] - reference[rows]
