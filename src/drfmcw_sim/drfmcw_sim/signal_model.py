@@ -120,10 +120,15 @@ class Measurements:
             paths=paths,
             initial_phase=self.initial_phase[:, rows].copy(),
             **{
-                name: np.broadcast_to(getattr(self, name), len(self))[rows].copy()
+                name: _each(getattr(self, name), len(self))[rows].copy()
                 for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay', 'refractive_index', 'setting')
             },
         )
+
+
+def _each(values: np.ndarray | float, count: int) -> np.ndarray:
+    """Return values of `count` measurements, which one number may stand for."""
+    return values if np.ndim(values) else np.full(count, values)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -305,15 +310,17 @@ def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence['Effe
 
 
 def _receive(
-    m: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect'], copies: int
+    m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect']
 ) -> np.ndarray:
-    """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q)."""
+    """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
+
+    Of copies in `m` that differ in their initial phases alone the first is `single`.
+    """
     own = m.stations[receiver]
     count = own.sweep.sample_count
     sample = np.arange(count)
     shape = (len(m), count, 2) if own.iq else (len(m), count)
     shaping = [e for e in effects if e.shapes_chirp]
-    single = m.rows(slice(0, len(m) // copies)) if shaping and copies > 1 else m
     signal = np.zeros(shape, np.float32) if noise is None else noise.additive[receiver].reshape(shape)
     for path, single_path in zip(m.paths, single.paths, strict=True):
         g = geometry(m, receiver, path)
@@ -323,7 +330,7 @@ def _receive(
         if phase_noise is not None:
             angle += phase_noise
         if shaping:
-            each = angle.reshape(copies, -1, count)
+            each = angle.reshape(-1, len(single), count)
             each += _shaped(single, receiver, geometry(single, receiver, single_path), shaping)
         amplitude = (own.amplitude(own.received_power) * path.amplitude).astype(np.float32)[:, None]
         begin, end = overlap(m, receiver, g)
@@ -384,9 +391,10 @@ def synthesise(
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
             effect.prepare(chunk)
+        single = chunk.rows(slice(0, len(chunk) // copies)) if copies > 1 else chunk
         drawn = _draw_noise(chunk, generators) if noise else None
         for receiver, station in enumerate(chunk.stations):
-            signal = _receive(chunk, drawn, receiver, effects, copies)
+            signal = _receive(chunk, single, drawn, receiver, effects)
             for effect, number in zip(effects, numbers, strict=True):
                 if effect.applies_to(station.name):
                     effect.receive(signal, station, chunk, _streams(seed, chunk, receiver, number))
