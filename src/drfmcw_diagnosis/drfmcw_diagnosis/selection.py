@@ -3,6 +3,7 @@
 import dataclasses
 
 from .fitting import Fitted
+from .leftovers import leftovers
 from .search import Search
 
 MOST_EFFECTS = 4
@@ -42,6 +43,8 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         current = search.again(current)
         if rounds[-1] and _hopeless(search, current.misfit, rounds[-1][0].misfit):
             break
+        if len(current.effects) == MOST_EFFECTS and leftovers(search, current)[0].probability < false_alarm_rate:
+            break  # one exchange more or less makes no explanation of it
         search.report('rivals', 0.9)
         exchanged = search.exchanges(current)
         if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
