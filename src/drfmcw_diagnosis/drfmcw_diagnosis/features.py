@@ -409,12 +409,13 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     square = np.mean(over**2, axis=2)
     middle = np.median(square, axis=0)
     spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
+    least = 2.0 / np.sqrt(SPAN * spans)  # of white noise in I and Q, the evenest there is
     share, sweeps = np.mean(over > BURST, axis=(0, 2)), np.mean(over.max(axis=2) > BURST, axis=0)
     return (
         np.stack([np.log(square.mean(axis=0) / middle), sweeps, share], axis=1),
         np.stack(
             [
-                1.6 * np.maximum(spread / middle, 1e-3) / np.sqrt(n),  # of mean less median
+                1.6 * np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
                 np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
                 np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
             ],

@@ -14,6 +14,9 @@ _WIDTHS = (1.0, 2.5, 6.0)  # blocks, of events within the sweep
 _EDGE = 4  # blocks at the sweep's ends in which no event is looked for
 _RHYTHM = (1, 3)  # terms over which a rhythm of random phase spreads
 _FLUTTER_TAILS = 1.15  # the same of variances over the median of those around
+_BY_SCATTER = {'mean': 1, 'harmonic': 2}  # numbers whose own scatter alone tells their deviation, by kind
+_TAILS_FREEDOM = 60  # of Student's distribution, of other deviations
+_SQUARES = 1.03  # by which their squares may be larger
 _TAILS = 1.05  # by which deviations told by scatter widen a normal distribution's tails
 
 
@@ -38,6 +41,7 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
     rest = (c.residual - template) * weight
     slopes = fitting.slopes(fitted) * weight if fitted else np.zeros((0, len(rest)))
     found = []
+    usual = int(np.median([len(m) for m in c.members]))
     for kind, station in c.entries.kinds():
         chosen = c.entries.where(kind=kind, station=station)
         z = rest[chosen]
@@ -47,7 +51,7 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
         if kind == 'flutter':
             tests = [_rhythm(rest[chosen].reshape(len(c.members), -1))]
         else:
-            tests = _amounts(z, kind)
+            tests = _amounts(z, kind, usual)
         if kind == 'ramp':
             tests += _common(rest[chosen].reshape(len(c.members), -1))
             tests.append(_events(rest, weight, slopes, chosen, c.std.ramp[:, station]))
@@ -58,13 +62,22 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
     return sorted(found, key=lambda f: f.probability)
 
 
-def _amounts(z: np.ndarray, kind: str) -> list[float]:
-    """Return the chances of so much in all numbers of a kind together, and in the largest."""
-    # neighbouring bins of a Hann window share their noise; deviations from scatter have heavier tails
-    freedom = len(z) / (1.9 if kind == 'lines' else 1.1)
+def _amounts(z: np.ndarray, kind: str, sweeps: int) -> list[float]:
+    """Return the chances of so much in all numbers of a kind together, and in the largest.
+
+    Args:
+        z: whitened, not of sweep by sweep.
+        kind: of these numbers.
+        sweeps: that a group usually holds: deviations told by their scatter alone make Student's heavier tails.
+    """
+    # neighbouring bins of a Hann window share their noise
+    count = len(z) / (1.9 if kind == 'lines' else 1.1)
+    scatter = _BY_SCATTER.get(kind, 0) * (sweeps - 1) or _TAILS_FREEDOM
+    heavier = (scatter - 1.0) / max(scatter - 4.0, 0.5)  # variance of the squares, over that of normal noise
+    largest = float(np.abs(z).max()) * math.sqrt(scatter / max(scatter - 2.0, 1.0))
     return [
-        float(stats.chi2.sf(float(np.mean(z**2)) * freedom / 1.03, freedom)),
-        min(1.0, len(z) * 2.0 * float(stats.t.sf(float(np.abs(z).max()), 60))),
+        float(stats.chi2.sf(float(np.mean(z**2)) * count / heavier / _SQUARES, count / heavier)),
+        min(1.0, len(z) * 2.0 * float(stats.t.sf(largest, scatter))),
     ]
 
 

@@ -139,16 +139,28 @@ def _harmonic_scatter(recorded: RecordedSweeps) -> np.ndarray:
         return np.full((len(recorded.members), *recorded.sweeps[0].harmonic.shape[1:]), np.inf)
     variance = np.array([s.harmonic.var(axis=0, ddof=1) for s in recorded.sweeps])
     both = variance.reshape(*variance.shape[:2], 2, -1).mean(axis=2)
+    counts = np.array([len(s.harmonic) for s in recorded.sweeps])
+    both *= _unsure(2 * (counts - 1))[:, None, None]
     return np.sqrt(np.nan_to_num(np.tile(both, 2), nan=np.inf))
+
+
+def _unsure(freedom: np.ndarray | int) -> np.ndarray:
+    """Return by what a variance grows that few sweeps tell, so that residuals over it are 1 in the mean square.
+
+    They are distributed after Student.
+    """
+    return freedom / np.maximum(freedom - 2.0, 1.0)
 
 
 def _coherence_scatter(recorded: RecordedSweeps, known: Known) -> np.ndarray:
     """Return by what shares in the coherence scatter from sweep to sweep (G, OFFSETS); inf where not compared."""
     if not (recorded.scatters and len(recorded.heard) == 2 and known.noise().all()):
         return np.full((len(recorded.members), coherence.OFFSETS), np.inf)
-    scatter = pooled(recorded.shares)
+    counts = np.array([len(s) for s in recorded.shares])
+    # each sweep's share is told beside the mean of both lines' noise, which takes one more sweep from their scatter
+    scatter = pooled(recorded.shares) * np.sqrt((counts - 1.0) / (counts - 2.0))[:, None]
     present = np.array([np.any(s != 0.0, axis=0) for s in recorded.shares])
-    limit = _COHERENCE_LIMIT * np.sqrt([len(s) for s in recorded.shares])[:, None]
+    limit = _COHERENCE_LIMIT * np.sqrt(counts)[:, None]
     return np.where(present, np.hypot(scatter, limit), np.inf)
 
 
@@ -165,7 +177,8 @@ def _variances(
     """
     if recorded.scatters:
         variance = ramp[..., _FREE:].var(axis=0, ddof=1)
-        return uniform_filter1d(variance, _SMOOTH, mode='nearest', axis=-1), sweeps.mean.var(axis=0, ddof=1)
+        mean_variance = sweeps.mean.var(axis=0, ddof=1) * _unsure(len(ramp) - 1)
+        return uniform_filter1d(variance, _SMOOTH, mode='nearest', axis=-1), mean_variance
     white = 10.0 ** (np.nanmedian(noise, axis=1) / 10.0)
     variance, mean_variance = recorded.parts[0].extract.white_noise(sweeps, white)
     return variance[:, None], mean_variance
