@@ -317,7 +317,7 @@ class Counts:
     drives: int = 4
     pairs: int = 60  # of d from 12 to 25
     strong_pairs: int = 40  # of d from 50 to 500
-    outside_sizes: tuple[float, ...] = (10.0, 16.0, 25.0)
+    outside_sizes: tuple[float, ...] = (10.0, 16.0, 25.0, 100.0)
     decoys: int = 3  # of each kind
     ambiguous: int = 4  # of each kind, each with the measurement that decides it
     left_out_sizes: tuple[float, ...] = (20.0, 120.0)
