@@ -415,7 +415,7 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         np.stack([np.log(square.mean(axis=0) / middle), sweeps, share], axis=1),
         np.stack(
             [
-                1.6 * np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
+                np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
                 np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
                 np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
             ],

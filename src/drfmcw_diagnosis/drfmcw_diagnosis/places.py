@@ -36,6 +36,8 @@ _LEVEL_STEP = 2.0  # between limits that are tried [dB]
 _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
 _COMPRESSIONS = (-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0)
 _GROWTH = (2, 8)  # powers of the line with which harmonics over it grow: of a compression, about that of a limiter
+_LOUD = 0.3  # share of sweeps with a loud span, below which bursts are sought that hardly stand out of the noise
+_FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # probability, duration [s] of such
 _SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
 
 CELLS = {
@@ -274,26 +276,50 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str,
     z = residual[c.entries.where(kind='burst', station=station)]
     if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > _SUSPICION:
         return []
-    shares, levels, lengths = [], [], []
+    shares, levels, lengths, steady = [], [], [], []
     for features in c.sweeps:
         quiet = features.quiet[:, station]
         loud = quiet > BURST * np.median(quiet)
         shares.append(loud.any(axis=1))
         levels.append(quiet[loud] - np.median(quiet))
         lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
+        steady.append(np.median(quiet))
     share = float(np.mean(np.concatenate(shares)))
-    if share == 0.0:
-        return []
     sweep = c.data.sweeps[0][c.heard[station]]
     bandwidth = 2.0 * LINE / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
-    power = float(np.mean(np.concatenate(levels))) / max(1.0 - bandwidth, 0.5)
     full_scale = float(np.median(c.data.full_scale[c.heard[station]]))
-    duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
-    level = 10.0 * math.log10(2.0 * power / full_scale**2)
-    return [
-        {'probability': min(share * more, 1.0), 'level': level + higher, 'duration': duration}
-        for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
-    ]
+
+    def level(power: float) -> float:
+        return 10.0 * math.log10(2.0 * power / max(1.0 - bandwidth, 0.5) / full_scale**2)
+
+    found = []
+    if share > 0.0:
+        power = float(np.mean(np.concatenate(levels)))
+        duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
+        found = [
+            {'probability': min(share * more, 1.0), 'level': level(power) + higher, 'duration': duration}
+            for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
+        ]
+    if share < _LOUD:
+        for probability, duration in _FAINT_BURSTS:
+            ratio = _faint(c, station, probability * duration / sweep.ramp_duration)
+            if ratio > 0.0:
+                at = level(ratio * float(np.mean(steady)))
+                found.append({'probability': probability, 'level': at, 'duration': duration})
+    return found
+
+
+def _faint(c: Comparison, station: int, covered: float) -> float:
+    """Return the power of bursts over that of the noise by which squares of spans' powers are as uneven as measured.
+
+    Args:
+        c: recording and model.
+        station: its number.
+        covered: share of all spans in a burst.
+    """
+    uneven, std = c.measured.burst[:, station, 0], c.std.burst[:, station, 0]
+    mean = float(np.average(uneven, weights=1.0 / std**2))
+    return math.sqrt(1.0 + math.expm1(max(mean, 0.0)) / covered) - 1.0
 
 
 def _spurs(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:
