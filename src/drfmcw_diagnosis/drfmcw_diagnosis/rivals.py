@@ -36,7 +36,7 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
 
     Mean squares about the best fit over all places, each with its likelihood.
     """
-    places = [other for other in exchanged if other.keys == fitted.keys]
+    places = [other for other in exchanged if other.keys == fitted.keys and _free(other) == _free(fitted)]
     if not places:
         return fitted
     shares = np.exp([min(0.5 * (fitted.misfit - other.misfit), 0.0) for other in places])
@@ -52,10 +52,15 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
     return fitted.with_told(told)
 
 
+def _free(fitted: Fitted) -> list[tuple[str, ...]]:
+    """Return the names of the parameters that are fitted, in order: one kind of effect may have several."""
+    return sorted(e.candidate.free for e in fitted.effects)
+
+
 def _nearest(effect: FittedEffect, other: Fitted) -> FittedEffect:
     """Return the effect of the same kind in another explanation, where there are several the one at the next place."""
     name = effect.candidate.recipe.scanned
-    alike = [e for e in other.effects if e.key == effect.key]
+    alike = [e for e in other.effects if e.key == effect.key and e.candidate.free == effect.candidate.free]
     return min(alike, key=lambda e: abs(e.values[name] - effect.values[name]) if name in effect.values else 0.0)
 
 
