@@ -7,6 +7,7 @@ import numpy as np
 
 from drfmcw_sim.effects import Effect
 
+from .adc_codes import Codes, evenness
 from .dataset import Dataset
 from .features import gaussian
 from .groups import Entries, Groups
@@ -36,6 +37,7 @@ class Comparison:
         plain: features that the model predicts without effects.
         entries: what each number of the vector is.
         residual: measured features less those of the plain model, over their standard deviations.
+        codes: how uneven the ADC codes of each station with samples are, None where that is not told.
     """
 
     def __init__(self, data: Dataset, rows: np.ndarray | None = None) -> None:
@@ -63,6 +65,7 @@ class Comparison:
         self._recorded, self._quiet = recorded, np.array(found.quiet)
         self.entries = self._layout()
         self.residual = self._vector(self.measured)
+        self.codes = self._codes()
 
     def _blocks(self, values: Groups) -> Iterator[tuple[str, np.ndarray]]:
         """Yield what groups hold beyond the plain model, over its deviations: (kind, (G, stations, positions)).
@@ -89,6 +92,14 @@ class Comparison:
         yield 'amplitude', over('amplitude')[..., None]
         yield 'range', over('range')[:, None, None]
         yield 'velocity', over('velocity')[:, None, None]
+
+    def _codes(self) -> tuple[Codes | None, ...]:
+        """Return how uneven the codes of each station with samples are."""
+        rows = np.concatenate(self.members)
+        # the least noise, and not what an uneven converter adds to it
+        noise = np.fmin(self.measured.noise, self.plain.noise)
+        least = 10.0 ** (np.nan_to_num(np.nanmin(np.nanmedian(noise, axis=2), axis=0), nan=-np.inf) / 20.0)
+        return tuple(evenness(self.data.samples[i][rows], n) for i, n in zip(self.heard, least, strict=True))
 
     def _layout(self) -> Entries:
         """Return what each number of the vector is."""

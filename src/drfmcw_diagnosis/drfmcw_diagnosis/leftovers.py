@@ -57,6 +57,9 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
             tests.append(_events(rest, weight, slopes, chosen, c.std.ramp[:, station]))
         probability = min(1.0, len(tests) * min(tests))
         found.append(Leftover(kind, station, probability, float(np.sum(z**2) - len(z))))
+    # no effect of the registry makes codes uneven
+    told = ((station, codes) for station, codes in enumerate(c.codes) if codes is not None)
+    found += [Leftover('codes', station, codes.probability, codes.excess) for station, codes in told]
     count = len(found)
     found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
     return sorted(found, key=lambda f: f.probability)

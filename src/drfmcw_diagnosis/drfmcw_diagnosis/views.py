@@ -14,6 +14,7 @@ from .result import Location, MisfitMap, Separability, Series
 
 _CENTRAL = 0.9  # of an excess, which a location's span holds
 _SHOWN = 0.01  # share of the excess below which a location is not named
+_BY_CHANCE = 1e-4  # chance below which uneven codes are a mismatch that has a place
 _TOLD = 3.0  # times its noise, to which a number must be predicted for a misfit
 
 _LEVELS = {
@@ -101,10 +102,16 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
         used = np.count_nonzero(z)
         if used:
             excess[kind, station] = max(float(z @ z) - used - 4.0 * math.sqrt(2.0 * used), 0.0)
+    uneven = {i: codes for i, codes in enumerate(c.codes) if codes is not None and codes.probability < _BY_CHANCE}
+    excess |= {('codes', station): codes.excess for station, codes in uneven.items()}
     total = sum(excess.values())
     found = []
     for (kind, station), amount in sorted(excess.items(), key=lambda item: -item[1]):
         if total <= 0.0 or amount < _SHOWN * total:
+            continue
+        if kind == 'codes':
+            low, high = uneven[station].low, uneven[station].high
+            found.append(Location('if_samples', c.receivers[station], 'adc_code', low, high, amount / total))
             continue
         level, axis = _LEVELS[kind]
         x, squares = _axis(comparison, kind, station)

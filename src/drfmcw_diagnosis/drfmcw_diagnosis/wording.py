@@ -19,6 +19,7 @@ AXES = {
     'time': ('time in the recording', 's'),
     'board_temperature': ('board temperature', 'degC'),
     'velocity': ('velocity', 'm/s'),
+    'adc_code': ('codes of the ADC', 'LSB'),
 }
 """Axes of locations and series: {name: (in words, unit)}; others are shown by their names."""
 

@@ -1,0 +1,61 @@
+"""Whether an ADC delivers its codes evenly: bits that stick and codes that are missing show in no spectrum for certain.
+
+Noise of some codes' width makes the histogram of the samples smooth, whatever the signal: its fourth differences
+are those of counts alone. A stuck bit leaves combs of empty codes, a converter with gaps steps at their ends. Noise and
+mean of the samples would pass for a higher floor and a leakage.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy import stats
+
+_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+_LEAST_NOISE = 4.0  # standard deviation from which on the noise makes the histogram smooth [codes]
+_LEAST_COUNT = 25.0  # in a code's neighbourhood, for counts to be normal
+_NEIGHBOURS = 9  # codes whose mean count tells the deviation of one
+_RAIL = 5  # codes next to the smallest and to the largest, in which a limiter piles samples up
+_CORRELATED = 2.7  # fourth differences share their counts: sum of their squared correlations
+_STANDS_OUT = 4.0  # deviations from which on a difference counts for where the excess lies
+_TAILS = 1.05  # by which they may be larger
+
+
+@dataclasses.dataclass(frozen=True)
+class Codes:
+    """How uneven a station's codes are."""
+
+    probability: float  # of so much by chance
+    excess: float  # of squared differences over their deviations, less their number
+    low: float  # codes between which the excess lies [LSB]
+    high: float
+
+
+def evenness(samples: np.ndarray, noise: float) -> Codes | None:
+    """Return how uneven the codes of one station are, None where noise or counts are too few to tell.
+
+    Args:
+        samples: int16, any shape [LSB].
+        noise: standard deviation per sample [LSB].
+    """
+    first = int(samples.min())
+    codes = samples.ravel().astype(np.int64) - first
+    step = max(int(np.gcd.reduce(codes)), 1)  # an ADC of fewer bits may leave the lowest at zero
+    if noise < _LEAST_NOISE * step:
+        return None
+    counts = np.bincount(codes // step).astype(float)[_RAIL:-_RAIL]
+    if len(counts) < _NEIGHBOURS:
+        return None
+    around = np.convolve(counts, np.full(_NEIGHBOURS, 1.0 / _NEIGHBOURS), 'same')[2:-2]
+    told = around >= _LEAST_COUNT
+    z = np.convolve(counts, _DIFFERENCE, 'valid')[told] / np.sqrt((_DIFFERENCE @ _DIFFERENCE) * around[told])
+    if len(z) < _NEIGHBOURS:
+        return None
+    freedom = len(z) / _CORRELATED
+    chances = (
+        float(stats.chi2.sf(float(np.mean(z**2)) * freedom / _TAILS, freedom)),
+        min(1.0, len(z) * 2.0 * float(stats.norm.sf(float(np.abs(z).max()) / _TAILS))),
+    )
+    code = first + step * (np.flatnonzero(told) + _RAIL + 2)
+    weight = np.cumsum(np.where(np.abs(z) > min(_STANDS_OUT, float(np.abs(z).max())) - 1e-9, z**2, 0.0))
+    low, high = code[np.searchsorted(weight, [0.05 * weight[-1], 0.95 * weight[-1]]).clip(0, len(code) - 1)]
+    return Codes(min(1.0, len(chances) * min(chances)), float(np.sum(z**2) - len(z)), float(low), float(high))
