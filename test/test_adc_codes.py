@@ -6,6 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drfmcw_diagnosis.adc_codes import evenness
+from drfmcw_diagnosis.comparison import Comparison
+from drfmcw_diagnosis.dataset import read_dataset
+from drfmcw_diagnosis.fitting import Fitting
+from drfmcw_diagnosis.leftovers import leftovers
+from drfmcw_diagnosis.proof.draws import Extent, random_condition
+from drfmcw_diagnosis.proof.effects import Applied, conceal
+from drfmcw_diagnosis.proof.generator import nominal
+from drfmcw_diagnosis.proof.recordings import write_recording
+from drfmcw_diagnosis.views import locations
 
 NOISE = 9.0
 
@@ -45,6 +54,17 @@ def test_missing_codes_are_told_where_they_are(width):
     found = evenness(codes, NOISE)
     assert found.probability < 1e-12
     assert 40 <= found.low <= found.high <= 60 + width
+
+
+def test_a_recordings_stuck_bit_has_a_place(tmp_path):
+    """A low bit adds little more than noise and a constant, which effects of the registry could explain: codes tell."""
+    condition = random_condition(np.random.default_rng(7), Extent(7, 12))
+    stuck = Applied('stuck_bit', 'slave', {'bit': 2, 'value': 1})
+    write_recording(conceal(nominal(condition), [stuck]), tmp_path / 'r')
+    comparison = Comparison(read_dataset(tmp_path / 'r'))
+    chances = {x.station: x.probability for x in leftovers(Fitting(comparison), None) if x.kind == 'codes'}
+    assert chances[0] > 1e-4 and chances[1] < 1e-12
+    assert ('if_samples', 'slave', 'adc_code') in {(x.level, x.station, x.axis) for x in locations(comparison)}
 
 
 def test_what_a_limiter_piles_up_is_no_uneven_converter():
