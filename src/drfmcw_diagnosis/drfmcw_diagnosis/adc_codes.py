@@ -1,8 +1,9 @@
-"""Whether an ADC delivers its codes evenly: bits that stick and codes that are missing show in no spectrum for certain.
+"""What the codes of an ADC tell: bits that stick, codes that are missing, and limits at which samples pile up.
 
 Noise of some codes' width makes the histogram of the samples smooth, whatever the signal: its fourth differences
 are those of counts alone. A stuck bit leaves combs of empty codes, a converter with gaps steps at their ends. Noise and
-mean of the samples would pass for a higher floor and a leakage.
+mean of the samples would pass for a higher floor and a leakage. A limiter leaves more samples at the outermost code
+than at the next, which noise never does.
 """
 
 import dataclasses
@@ -17,6 +18,7 @@ _NEIGHBOURS = 9  # codes whose mean count tells the deviation of one
 _RAIL = 5  # codes next to the smallest and to the largest, in which a limiter piles samples up
 _CORRELATED = 2.7  # fourth differences share their counts: sum of their squared correlations
 _STANDS_OUT = 4.0  # deviations from which on a difference counts for where the excess lies
+_PILE = 3  # samples more than at the next code that a sweep may have at its outermost ones by chance
 _TAILS = 1.05  # by which they may be larger
 
 
@@ -30,6 +32,32 @@ class Codes:
     high: float
 
 
+def smooth(samples: np.ndarray, noise: float) -> bool:
+    """Return whether noise makes the histogram of codes smooth; arguments as those of `evenness`."""
+    return noise >= _LEAST_NOISE * _step(samples.ravel().astype(np.int64) - int(samples.min()))
+
+
+def piled(samples: np.ndarray) -> np.ndarray:
+    """Return how many more samples a sweep has at its outermost codes than at the next ones, beyond chance (n,).
+
+    Args:
+        samples: (n, N), also before the ADC, whose codes they are rounded to, or complex [LSB].
+    """
+    if np.iscomplexobj(samples):
+        return piled(samples.real) + piled(samples.imag)
+    codes = np.rint(samples)
+    more = np.zeros(len(codes))
+    for outermost, inwards in ((codes.max(axis=1), -1.0), (codes.min(axis=1), 1.0)):
+        at, beside = ((codes == code[:, None]).sum(axis=1) for code in (outermost, outermost + inwards))
+        more += at - beside
+    return np.maximum(more - _PILE, 0.0)
+
+
+def _step(codes: np.ndarray) -> int:
+    """Return the step between codes: an ADC of fewer bits may leave the lowest at zero."""
+    return max(int(np.gcd.reduce(codes)), 1)
+
+
 def evenness(samples: np.ndarray, noise: float) -> Codes | None:
     """Return how uneven the codes of one station are, None where noise or counts are too few to tell.
 
@@ -39,7 +67,7 @@ def evenness(samples: np.ndarray, noise: float) -> Codes | None:
     """
     first = int(samples.min())
     codes = samples.ravel().astype(np.int64) - first
-    step = max(int(np.gcd.reduce(codes)), 1)  # an ADC of fewer bits may leave the lowest at zero
+    step = _step(codes)
     if noise < _LEAST_NOISE * step:
         return None
     counts = np.bincount(codes // step).astype(float)[_RAIL:-_RAIL]

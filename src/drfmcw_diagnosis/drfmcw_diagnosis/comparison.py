@@ -85,6 +85,7 @@ class Comparison:
         yield 'lines', np.where(self._compared_lines, lines, 0.0)
         yield 'mean', over('mean')
         yield 'harmonic', np.nan_to_num(over('harmonic'))
+        yield 'piled', over('piled')[..., None]
         yield 'burst', over('burst')
         yield 'noise', np.nan_to_num(over('noise'))
         yield 'coherence', over('coherence')[:, None]

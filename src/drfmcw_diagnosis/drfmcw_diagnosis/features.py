@@ -8,6 +8,7 @@ interface's nuisances) and are taken out; what remains is
 - flutter: how much of that changes from sweep to sweep beyond the noise, which a modulation of random phase does;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
 - harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
+- piled: samples at the outermost codes, which a limiter piles up there;
 - burst: how unevenly over sweeps and spans of a sweep the power beside the line is spread;
 - noise: power of the spectrum in bands, lines left out;
 - coherence: what the oscillators' noise in both lines has in common, which tells whose it is (`coherence`);
@@ -38,7 +39,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import Role, SweepSettings
 
-from . import coherence
+from . import adc_codes, coherence
 from .dataset import delay_of_one
 
 BANDS = 8
@@ -83,6 +84,7 @@ class SweepFeatures:
     line: np.ndarray  # (n, S) frequency of each line [Hz]
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
+    piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
     quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
     beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
@@ -152,11 +154,12 @@ class Extractor:
             samples: of each station with samples (n, N) or (n, 2 N), int16, or float before the ADC.
             full_scale: ADC code of full scale [LSB].
             index: refractive index of the air (n,).
-            harmonic: take the harmonics, which are (n, S, 0) else.
+            harmonic: take the harmonics, which are (n, S, 0) else, and what is piled up at a limit, which is 0 else.
             quiet: take the power without the line, which is (n, S, 0) else.
             noisy: take what the noise of range and carrier is told by, and the carrier, which are (n, 0) else.
         """
-        taken = tuple(f for f, wanted in ((self._harmonics, harmonic), (self._without_line, quiet)) if wanted)
+        functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
+        taken = tuple(f for f, wanted in functions if wanted)
         parts = [
             self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy)
             for i in range(0, len(samples[0]), 64)
@@ -164,7 +167,7 @@ class Extractor:
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
         ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std, *rest = found
         nothing = np.zeros((*line.shape, 0))
-        harmonics, quiets = (rest.pop(0) if wanted else nothing for wanted in (harmonic, quiet))
+        harmonics, piles, quiets = (rest.pop(0) if wanted else nothing for _, wanted in functions)
         hardware = sum(c.delay for c in self.calibrations)
         velocity = SPEED_OF_LIGHT / index
         return SweepFeatures(
@@ -174,6 +177,7 @@ class Extractor:
             line=line,
             mean=mean,
             harmonic=harmonics,
+            piled=piles[..., 0] if harmonic else np.zeros(line.shape),
             quiet=quiets,
             beat=beat,
             amplitude=amplitude,
@@ -317,6 +321,12 @@ class Extractor:
             found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
         stacked = np.stack(found, axis=1)
         return np.concatenate([stacked.real, stacked.imag], axis=1)
+
+    def _piled(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return what one station's samples pile up at its outermost codes (n, 1)."""
+        return adc_codes.piled(samples)[:, None]
 
     def _without_line(
         self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings

@@ -22,6 +22,7 @@ _CERTAIN = 2.0  # standard deviations that an effect's size must have, and what 
 _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
+_PILED_TRUST = 0.05  # of samples at a limit, which follow amplitudes that scatter from sweep to sweep
 _CLOCK_DOUBT = 0.05  # of the coherence for each ppm by which ADC clocks run apart: noise is compared sample by sample
 _FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
 _FLUTTER_WIDTH = 5  # terms over which it may be displaced
@@ -254,6 +255,7 @@ class Fitting:
             size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
             trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
             trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
+            trust[entries.where(kind='piled')] = _PILED_TRUST
         if any(e.bursts() for e in registered):
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
             # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise

@@ -46,6 +46,7 @@ class Groups:
     lines: np.ndarray  # (G, S, B) power of narrow lines over the noise around [1]; 1 for none
     mean: np.ndarray  # (G, S, Q) [LSB]
     harmonic: np.ndarray  # (G, S, 2 H) over the line [1]
+    piled: np.ndarray  # (G, S) samples of a sweep at its outermost codes, more than beside them
     burst: np.ndarray  # (G, S, 3) of `features.unevenness`
     noise: np.ndarray  # (G, S, BANDS) [dB of 1 LSB^2 per sample]
     coherence: np.ndarray  # (G, OFFSETS) of both lines' phase noise, imaginary part [1]

@@ -46,7 +46,7 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
         chosen = c.entries.where(kind=kind, station=station)
         z = rest[chosen]
         z = z[z != 0.0]
-        if len(z) < 4:
+        if len(z) < (1 if kind == 'piled' else 4):
             continue
         if kind == 'flutter':
             tests = [_rhythm(rest[chosen].reshape(len(c.members), -1))]

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from . import coherence
+from . import adc_codes, coherence
 from .features import SweepFeatures, local_noise, mean_power, median_of_mean, quiet_sweeps, ramp_spectrum, unevenness
 from .grouping import noise_by_bends
 from .groups import Groups, joined, pooled
@@ -22,6 +22,7 @@ _TREND_ABOVE = 2.5  # standard deviations by which a modulation stands out of it
 _TELLING = 7  # consecutive sweeps that tell by their bends how the carrier wanders
 _FLUTTER_MEDIAN = 31  # terms over which the variance around one is taken
 _SMOOTH = 15  # neighbouring cosine terms that share a variance
+_PILED = 0.3  # samples of a sweep that may pile up by chance
 _AMPLITUDE_LIMIT = 0.1  # what the link budget is trusted to in each place [dB]
 _AMPLITUDE_SHARED = 1.4  # both stations' amplitudes scatter together, which counts their sum twice
 _COHERENCE_LIMIT = 0.005  # what the coherence of both lines' noise is trusted to [1]
@@ -47,6 +48,7 @@ def measured(recorded: RecordedSweeps, known: Known) -> Measured:
     movement_told = any(part.extract.way_per_phase for part in recorded.parts)
     range_told = known.range()
     noise_told, range_limit = known.noise(), known.range_limit()
+    smooth = _smooth(recorded)
     counts: list[np.ndarray] = []
     values: list[Groups] = []
     errors: list[Groups] = []
@@ -77,6 +79,7 @@ def measured(recorded: RecordedSweeps, known: Known) -> Measured:
                 power / around,
                 sweeps.mean.mean(axis=0),
                 sweeps.harmonic.mean(axis=0),
+                sweeps.piled.mean(axis=0),
                 burst,
                 noise,
                 recorded.shares[g].mean(axis=0),
@@ -94,6 +97,7 @@ def measured(recorded: RecordedSweeps, known: Known) -> Measured:
                 around,
                 np.maximum(np.sqrt(mean_variance), 0.01) / root,
                 harmonic_std[g] / root,
+                np.where(smooth, np.sqrt(sweeps.piled.mean(axis=0) + _PILED), np.inf) / root,
                 burst_std,
                 noise_std,
                 coherence_std[g] / root,
@@ -105,6 +109,15 @@ def measured(recorded: RecordedSweeps, known: Known) -> Measured:
             )
         )
     return Measured(joined(values), joined(errors), counts)
+
+
+def _smooth(recorded: RecordedSweeps) -> np.ndarray:
+    """Return at which stations noise makes the histogram of codes smooth (S,)."""
+    rows = np.concatenate(recorded.members)
+    noise = np.min([np.median(s.quiet, axis=(0, 2)) for s in recorded.sweeps], axis=0)
+    parts = 2.0 if recorded.data.iq else 1.0  # of a complex sample's power
+    samples = (recorded.data.samples[i][rows] for i in recorded.heard)
+    return np.array([adc_codes.smooth(x, np.sqrt(n / parts)) for x, n in zip(samples, noise, strict=True)])
 
 
 def _scatter(

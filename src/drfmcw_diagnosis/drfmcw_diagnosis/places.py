@@ -243,7 +243,7 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
     A distortion takes many simulated sweeps.
     """
     chances = []
-    for kind in ('harmonic', 'lines', 'noise', 'amplitude'):
+    for kind in ('harmonic', 'lines', 'noise', 'amplitude', 'piled'):
         z = residual[c.entries.where(kind=kind, station=station)]
         used = np.count_nonzero(z)
         share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
@@ -255,7 +255,17 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
         return _COMPRESSIONS
     full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
     strongest = float(c.measured.amplitude[:, station].max()) - full_scale
-    return tuple(np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+    return (*_limit(c, station, full_scale), *np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+
+
+def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
+    """Return the limit at which a station's samples pile up [dB of full scale], none where they do not."""
+    piled = c.measured.piled[:, station] / c.std.piled[:, station]
+    most = int(np.argmax(piled))
+    if piled[most] <= 0.0:
+        return ()
+    samples = c.data.samples[c.heard[station]][c.members[most]].astype(int)
+    return (20.0 * math.log10(np.abs(samples).max()) - full_scale,)
 
 
 def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:

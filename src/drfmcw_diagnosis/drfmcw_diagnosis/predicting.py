@@ -37,7 +37,7 @@ class Predictor:
         self.noise = NoiseModel(recorded, np.isfinite(std.coherence).any(axis=1))
         # what there is without any effect, and what noise makes of it, by the first group of a part
         self._plain_power: dict[int, np.ndarray] = {}
-        self._undistorted: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._undistorted: dict[int, tuple[np.ndarray, ...]] = {}
         self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         # where the parts' groups and their sweeps stand, part after part
         group = np.concatenate([part.groups for part in recorded.parts])
@@ -61,10 +61,11 @@ class Predictor:
             velocity = self._velocity(part.steady, effects)
             distorting = any(e.distorts() for e in effects)
             if distorting:
-                changed, harmonic = self._distortion(part, effects)
+                changed, harmonic, piled = self._distortion(part, effects)
                 harmonic = self.plain.harmonic[part.groups] + harmonic
             else:
                 harmonic = self.plain.harmonic[part.groups] if effects else features.harmonic
+                piled = np.zeros((len(part.groups), len(self._recorded.heard)))
             burst = np.zeros((len(part.groups), len(self._recorded.heard), 3))
             if any(e.bursts() for e in effects):
                 burst, louder = self._bursts(part, effects)
@@ -87,6 +88,7 @@ class Predictor:
                     around + added / steady,
                     features.mean,
                     harmonic,
+                    piled,
                     burst,
                     noise,
                     shared,
@@ -116,8 +118,8 @@ class Predictor:
             result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
         return result / self._std.flutter
 
-    def _distortion(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much distortion changes the noise in bands (G, S, BANDS) [dB] and harmonics (G, S, 2 H).
+    def _distortion(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
+        """Return by how much distortion changes noise in bands (G, S, BANDS) [dB], harmonics (G, S, 2 H), piles (G, S).
 
         A limiter holds noise down, and noise carries a line across the limit that it does not reach by itself: sweeps
         are simulated with noise, and with the same noise without the distortion.
@@ -126,15 +128,16 @@ class Predictor:
         if first not in self._undistorted:
             self._undistorted[first] = self._noisy(part, ())
         pairs = zip(self._noisy(part, effects), self._undistorted[first], strict=True)
-        noise, harmonic = (after - before for after, before in pairs)
-        return np.nan_to_num(noise), harmonic
+        noise, harmonic, piled = (after - before for after, before in pairs)
+        return np.nan_to_num(noise), harmonic, piled
 
-    def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise in bands [dB of 1 LSB^2 per sample] and the harmonics of noisy sweeps."""
+    def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
+        """Return of noisy sweeps the noise in bands [dB of 1 LSB^2 per sample], harmonics, and samples piled up."""
         features = self._simulated.distorted(part, effects, True)
         counts = np.full(len(self._recorded.heard), DISTORTED)
         pairs = zip(features.power, features.line, strict=True)
-        return np.array([self._recorded.bands.measured(*pair, counts)[0] for pair in pairs]), features.harmonic
+        noise = np.array([self._recorded.bands.measured(*pair, counts)[0] for pair in pairs])
+        return noise, features.harmonic, features.piled
 
     def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
         """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].

@@ -15,8 +15,12 @@ from .features import SweepFeatures
 from .groups import Part, align
 from .recorded_sweeps import RecordedSweeps
 
-DISTORTED = 8
-"""Sweeps simulated per group where an effect distorts the IF or the crane sways."""
+DISTORTED = 11
+"""Sweeps simulated per group where an effect distorts the IF or the crane sways.
+
+Evenly over half a turn, a prime number of them: harmonics that fold back near the line, with many times its phase,
+cancel up to the 43rd where the line is near a quarter of the sampling rate.
+"""
 
 
 _UNSEEN = ('noise', 'reference')  # what effects act on that sweeps free of noise do not show

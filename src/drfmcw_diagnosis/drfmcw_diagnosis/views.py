@@ -23,6 +23,7 @@ _LEVELS = {
     'lines': ('if_spectrum', 'if_frequency'),
     'mean': ('if_spectrum', 'if_frequency'),
     'harmonic': ('if_spectrum', 'range'),
+    'piled': ('if_samples', 'range'),
     'burst': ('noise', 'range'),
     'coherence': ('noise', 'if_frequency'),
     'noise': ('noise', 'if_frequency'),
@@ -131,6 +132,7 @@ _WORDS = {
     'lines': 'narrow lines in the IF spectrum',
     'mean': 'mean of the samples',
     'harmonic': 'harmonics of the line',
+    'piled': 'samples at the outermost codes',
     'burst': 'bursts of noise',
     'coherence': 'noise that both lines share',
     'noise': 'noise',
@@ -145,6 +147,7 @@ _WORDS = {
 _UNITS = {
     'mean': 'LSB',
     'harmonic': '1',
+    'piled': '1',
     'burst': '1',
     'beat': 'Hz',
     'amplitude': 'dB',
