@@ -86,6 +86,11 @@ class Fitted:
         """What the effects are, apart from their sizes, in order."""
         return tuple(sorted(e.key for e in self.effects))
 
+    @property
+    def free(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the parameters that are fitted, in order: one kind of effect may have several sets."""
+        return tuple(sorted(e.candidate.free for e in self.effects))
+
 
 def _as_it_is(values: np.ndarray) -> np.ndarray:
     return values

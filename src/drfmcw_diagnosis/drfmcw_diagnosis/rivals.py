@@ -9,6 +9,7 @@ from .bank import Candidate
 from .fitting import Fitted, FittedEffect
 from .search import RIVAL, Search
 
+_SAYS_THE_SAME = 25.0  # squared distance between what explanations fitted to the same noise add, of one answer at most
 _WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
 _SUBSTITUTES = 3  # of one effect, of which several are exchanged at once
 _MOST = 24  # explanations with several effects exchanged that are fitted
@@ -25,9 +26,15 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
         fitted: the explanation.
         exchanged: explanations with one of its effects exchanged.
     """
-    single = [other for other in exchanged if other.keys != fitted.keys and _is_near(other, fitted)]
+
+    def is_near(other: Fitted) -> bool:
+        alike = other.misfit - fitted.misfit < RIVAL and other.evidence > fitted.evidence - _WORSE
+        # what fits as well by the noise elsewhere explains something else
+        return alike and search.apart(other, fitted) < _SAYS_THE_SAME
+
+    single = [other for other in exchanged if other.keys != fitted.keys and is_near(other)]
     several = search.fits(_combined(fitted, single))
-    near = [other for other in several if other.certain and _is_near(other, fitted)]
+    near = [other for other in several if other.certain and is_near(other)]
     return sorted([*single, *near], key=lambda other: -other.evidence)
 
 
@@ -36,7 +43,7 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
 
     Mean squares about the best fit over all places, each with its likelihood.
     """
-    places = [other for other in exchanged if other.keys == fitted.keys and _free(other) == _free(fitted)]
+    places = [other for other in exchanged if other.keys == fitted.keys and other.free == fitted.free]
     if not places:
         return fitted
     shares = np.exp([min(0.5 * (fitted.misfit - other.misfit), 0.0) for other in places])
@@ -52,20 +59,11 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
     return fitted.with_told(told)
 
 
-def _free(fitted: Fitted) -> list[tuple[str, ...]]:
-    """Return the names of the parameters that are fitted, in order: one kind of effect may have several."""
-    return sorted(e.candidate.free for e in fitted.effects)
-
-
 def _nearest(effect: FittedEffect, other: Fitted) -> FittedEffect:
     """Return the effect of the same kind in another explanation, where there are several the one at the next place."""
     name = effect.candidate.recipe.scanned
     alike = [e for e in other.effects if e.key == effect.key and e.candidate.free == effect.candidate.free]
     return min(alike, key=lambda e: abs(e.values[name] - effect.values[name]) if name in effect.values else 0.0)
-
-
-def _is_near(other: Fitted, fitted: Fitted) -> bool:
-    return other.misfit - fitted.misfit < RIVAL and other.evidence > fitted.evidence - _WORSE
 
 
 def _combined(fitted: Fitted, single: Sequence[Fitted]) -> list[list[tuple[Candidate, dict[str, float]]]]:

@@ -36,6 +36,7 @@ _PLACES = 2  # of each
 _PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
 _FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
 _BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
+_OF_A_KIND = 2  # effects at one station, where there may be several
 _SAME = 4.0  # squared distance below which two fits of the same effects are the same (2 sigma)
 _KEPT = 512  # templates
 _PARALLEL = 0.02  # of a template's power that counts, however much of it an explanation may follow
@@ -203,8 +204,10 @@ class Search(Fitting):
         return sorted(found, key=lambda item: -item[0])
 
     def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
-        """Return whether a place is that of another effect than those beside it, or of one more of the same kind."""
+        """Return whether a place is that of another effect than those beside it, or of a second one of a kind."""
         same = [e for e in beside if e.key == candidate.key]
+        if len(same) >= _OF_A_KIND:
+            return False
         name, width = candidate.recipe.scanned, cell(self.comparison, candidate.effect)
         return all(candidate.recipe.repeats and abs(e.values[name] - values[name]) > width for e in same)
 
@@ -346,7 +349,9 @@ class Search(Fitting):
     # --- exchanges ---
 
     def exchanges(self, fitted: Fitted) -> list[Fitted]:
-        """Return explanations with one effect exchanged for another, or for itself at another place, best first.
+        """Return explanations with one effect exchanged for another, or for itself elsewhere, best first.
+
+        Elsewhere is another place, or other parameters of the same effect.
 
         Only those that come near the explanation, or fit better, are refined to the end.
         """
@@ -367,14 +372,15 @@ class Search(Fitting):
             for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
                 if other is None or not self.credible(other, template):
                     continue
-                if other.keys == fitted.keys and self._apart(other, fitted) < _SAME:
+                same = other.keys == fitted.keys and other.free == fitted.free
+                if same and self.apart(other, fitted) < _SAME:
                     continue
-                known = found.get(other.keys)
+                known = found.get((other.keys, other.free))
                 if known is None or other.misfit < known.misfit:
-                    found[other.keys] = other
+                    found[other.keys, other.free] = other
         return sorted(found.values(), key=lambda f: -f.evidence)
 
-    def _apart(self, one: Fitted, other: Fitted) -> float:
+    def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""
         return float(np.sum(((one.template - other.template) * self._weight) ** 2))
 

@@ -47,6 +47,10 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break  # one exchange more or less makes no explanation of it
         search.report('rivals', 0.9)
         exchanged = search.exchanges(current)
+        fewer = _fewer(search, current, exchanged, false_alarm_rate)
+        if fewer is not None:
+            current = fewer
+            continue
         if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
             break
         current = search.settled(exchanged[0])
@@ -54,6 +58,19 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         current = pruned(search, current, false_alarm_rate)
         rounds += more
     return Found(current, significance, rounds, exchanged)
+
+
+def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm_rate: float) -> Fitted | None:
+    """Return an explanation by fewer effects, of which one has other parameters; None where none is better.
+
+    A clock that warms up may have been taken for one that is off and drifts.
+    """
+    for other in exchanged:
+        if other.keys == current.keys and other.free != current.free:
+            less = pruned(search, other, false_alarm_rate)
+            if less is not None and len(less.effects) < len(current.effects) and less.evidence > current.evidence:
+                return less
+    return None
 
 
 def _hopeless(search: Search, before: float, after: float) -> bool:

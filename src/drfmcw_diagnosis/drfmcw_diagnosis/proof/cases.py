@@ -310,22 +310,22 @@ def decided(name: str, plan: Plan) -> Plan:
 class Counts:
     """How many cases of each group, before they are multiplied by `times`."""
 
-    nulls: int = 100  # with the right noise
-    wrong_nulls: int = 20  # of each other kind
-    sizes: tuple[float, ...] = (4.0, 6.0, 8.0, 10.0, 14.0, 20.0)  # d of single effects, each of each
+    nulls: int = 60  # with the right noise
+    wrong_nulls: int = 10  # of each other kind
+    sizes: tuple[float, ...] = (5.0, 7.0, 9.0, 12.0, 18.0)  # d of single effects, each of each
     strong_sizes: tuple[float, ...] = (60.0, 250.0)  # d of effects as in the practice recordings, each of each
     drives: int = 4
-    pairs: int = 40  # of d from 12 to 25
-    strong_pairs: int = 32  # of d from 50 to 500
-    outside_sizes: tuple[float, ...] = (12.0, 25.0, 100.0)
-    decoys: int = 2  # of each kind
+    pairs: int = 24  # of d from 12 to 25
+    strong_pairs: int = 20  # of d from 50 to 500
+    outside_sizes: tuple[float, ...] = (16.0, 100.0)
+    decoys: int = 1  # of each kind
     ambiguous: int = 2  # of each kind, each with the measurement that decides it
-    left_out_sizes: tuple[float, ...] = (20.0, 120.0)
+    left_out_sizes: tuple[float, ...] = (40.0,)
     times: int = 1
 
 
 FULL = Counts()
-"""Of the full proof: what two cores do in an hour and a half."""
+"""Of the full proof: what two cores do in an hour."""
 
 _PAIRS_NEVER = frozenset(frozenset(pair) for pair in TWINS.items())
 
