@@ -175,6 +175,18 @@ def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
     assert [e.key for e in found.effects] == [('interference_burst', 'slave')]
 
 
+def test_what_clipping_does_to_strong_sweeps_is_no_burst(tmp_path):
+    """The limit is reached at the nearest place alone, by the stronger sweeps more than by the others."""
+    clipping = Applied('clipping', 'master', {'level': -25.0})
+    comparison = compared(tmp_path / 'r', 39, clipping, settings=14, sweeps=24)
+    search = Search(comparison, without=set(Effect.registry) - {'clipping', 'interference_burst', 'noise_floor'})
+    found = searched(search, 0.01).explanation
+    assert [e.key for e in found.effects] == [('clipping', 'master')]
+    assert leftovers(search, found)[0].probability > 1e-3  # false failure 0.1 %, the seed is fixed
+    (effect,) = found.effects
+    assert abs(effect.values['level'] + 25.0) < 0.2
+
+
 def test_few_sweeps_make_no_mismatch(tmp_path):
     """Six sweeps a place tell their own scatter badly; what is compared by it is noise all the same."""
     squares = {'mean': [], 'harmonic': [], 'coherence': [], 'burst': []}

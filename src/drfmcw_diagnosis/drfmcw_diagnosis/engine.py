@@ -228,6 +228,8 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
         if base == recipe.size or not recipe.size:
             trust = max(trust, _DECIBEL_TRUST if decibel else _SIZE_TRUST)
         trust *= 1.0 if decibel else abs(value)
+        if base == 'probability':  # of which the sweeps hold one outcome
+            trust = math.hypot(trust, math.sqrt(value * (1.0 - value) / len(comparison.data)))
         parameters[name] = Estimate(value, math.hypot(std, trust), unit)
     return FoundEffect(
         effect=effect.candidate.effect,

@@ -261,11 +261,19 @@ class Fitting:
             trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
             trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
             trust[entries.where(kind='piled')] = _PILED_TRUST
+            # the stronger sweeps are distorted more, so harmonics come and go as bursts do
+            size[entries.where(kind='burst', station=self._distorted(fitted))] = np.inf
         if any(e.bursts() for e in registered):
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
             # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
             return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
         return trust * size
+
+    def _distorted(self, fitted: Fitted) -> list[int]:
+        """Return the numbers of the receivers that an explanation distorts."""
+        receivers = self.comparison.receivers
+        distorting = [e.key for e in fitted.effects if Effect.registry[e.candidate.effect].distorts()]
+        return [i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting)]
 
     def _changing(self, fitted: Fitted) -> np.ndarray:
         """Return how far flutter may be off, as an explanation makes the ramp change with the phase of each sweep."""

@@ -442,7 +442,8 @@ def _strong_pair(name: str, random: np.random.Generator, extent: Extent) -> Plan
 def _of_pair(name: str, group: str, condition: Condition, wanted: tuple[Wanted, ...]) -> Plan:
     parts = [w.template for w in wanted]
     alike = rivals(condition, parts)
-    exact = any(part.effect in TWINS for part in parts)
+    # a ray from the ground follows the true distance, so that it may tell an error of the reference
+    exact = any(part.effect in TWINS for part in parts) and all(part.effect != 'ground_reflection' for part in parts)
     verdicts: tuple[str, ...] = ('explained',)
     if alike:
         verdicts = ('ambiguous',) if exact else ('explained', 'ambiguous')
