@@ -29,7 +29,7 @@ _SWAY_CELLS = 2048  # at most
 _ALIASES = 512  # frequencies of sway that are looked at closely
 _TOP = 17  # points at which each of them is
 _FAINT = 12.0  # gain below which no sway is looked for
-_REFLECTIONS = 6  # places of a reflection, whose fringes resemble each other
+_REFLECTIONS = 32  # places of a reflection, whose fringes resemble each other
 _LONGEST = 500.0  # echo [m]
 
 _LEVEL_STEP = 2.0  # between limits that are tried [dB]

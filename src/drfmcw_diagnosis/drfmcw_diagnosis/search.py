@@ -33,6 +33,7 @@ _NOTHING = 1e-6  # length of a template, of an effect that this recording cannot
 _REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
 _FEW = 6  # kinds of rivals that are refined
 _PLACES = 2  # of each
+_FRINGES = 6  # places of a reflection, which resemble each other
 _PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
 _FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
 _BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
@@ -303,6 +304,31 @@ class Search(Fitting):
         )
         return bool(before - after > _BEYOND_LEVEL)
 
+    def relocated(self, fitted: Fitted) -> Fitted:
+        """Return an explanation with the rays from the ground where they fit best beside the effects that came later.
+
+        The fringes of different heights resemble each other: what is not yet explained may hide the right one.
+        """
+        for number, effect in enumerate(fitted.effects):
+            candidate = effect.candidate
+            if not _is_reflection(candidate):
+                continue
+            kept = [e for i, e in enumerate(fitted.effects) if i != number]
+            base = [(e.candidate, e.values) for e in kept]
+            rest = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
+            residual = self.comparison.residual - rest
+            beside = dataclasses.replace(fitted, effects=tuple(kept), template=rest)
+            begun = [
+                (candidate, values)
+                for _, other, values in self._promising(residual, kept, self.freedom(beside))
+                if other.key == candidate.key
+            ]
+            fits = self.fits([[*base, place] for place in begun[:_FRINGES]])
+            best = min(fits, key=lambda f: f.misfit, default=fitted)
+            if best.certain and best.misfit < fitted.misfit - _SAME:
+                fitted = best
+        return fitted
+
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
         beside = current.template if current else 0.0
@@ -356,6 +382,7 @@ class Search(Fitting):
         Only those that come near the explanation, or fit better, are refined to the end.
         """
         found: dict[tuple, Fitted] = {}
+        elsewhere: list[Fitted] = []
         for left_out in range(len(fitted.effects)):
             kept = [e for i, e in enumerate(fitted.effects) if i != left_out]
             base = [(e.candidate, e.values) for e in kept]
@@ -372,13 +399,14 @@ class Search(Fitting):
             for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
                 if other is None or not self.credible(other, template):
                     continue
-                same = other.keys == fitted.keys and other.free == fitted.free
-                if same and self.apart(other, fitted) < _SAME:
+                if other.keys == fitted.keys and other.free == fitted.free:
+                    if all(self.apart(other, known) >= _SAME for known in (fitted, *elsewhere)):
+                        elsewhere.append(other)
                     continue
                 known = found.get((other.keys, other.free))
                 if known is None or other.misfit < known.misfit:
                     found[other.keys, other.free] = other
-        return sorted(found.values(), key=lambda f: -f.evidence)
+        return sorted([*found.values(), *elsewhere], key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""
@@ -393,7 +421,7 @@ class Search(Fitting):
             if gain < least or len(tried) >= _FEW:
                 break
             there = tried.setdefault(candidate.key, [])
-            if len(there) >= _PLACES:
+            if len(there) >= (_FRINGES if _is_reflection(candidate) else _PLACES):
                 continue
             template = self._unit(candidate, values) * self._weight
             template /= max(float(np.linalg.norm(template)), _NOTHING)
@@ -401,3 +429,8 @@ class Search(Fitting):
                 there.append(template)
                 found.append((candidate, values))
         return found
+
+
+def _is_reflection(candidate: Candidate) -> bool:
+    """Return whether a place is that of a path whose fringes follow the distance, other than an echo's."""
+    return candidate.recipe.fringes and not candidate.recipe.turn[0]

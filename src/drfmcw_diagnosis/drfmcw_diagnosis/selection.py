@@ -113,7 +113,7 @@ def forward(
             break
         if _hopeless(search, before, best.misfit):
             break
-        current = search.settled(best)
+        current = search.relocated(search.settled(best))
     return current, significance, rounds
 
 
