@@ -118,7 +118,7 @@ RECIPES: dict[str, tuple[Recipe, ...]] = {
     ),
     'slant_geometry': (Recipe('', {}, {'height_difference': 20.0}, {'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)}),),
     'clipping': (
-        Recipe('', {}, {'level': 20.0}, scanned='level', steps={'level': 0.1}),
+        Recipe('', {}, {'level': 20.0}, scanned='level', steps={'level': 0.1}, trust={'level': 0.05}),
     ),
     'compression': (
         Recipe('', {}, {'third_order': 0.3}, scanned='third_order', steps={'third_order': 0.005}),

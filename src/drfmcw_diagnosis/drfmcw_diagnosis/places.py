@@ -32,6 +32,7 @@ _FAINT = 12.0  # gain below which no sway is looked for
 _REFLECTIONS = 32  # places of a reflection, whose fringes resemble each other
 _LONGEST = 500.0  # echo [m]
 
+_ABOVE_LIMIT = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)  # of limits that are tried where samples pile up [dB]
 _LEVEL_STEP = 2.0  # between limits that are tried [dB]
 _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
 _COMPRESSIONS = (-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -259,13 +260,17 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
 
 
 def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
-    """Return the limit at which a station's samples pile up [dB of full scale], none where they do not."""
+    """Return about the limit at which a station's samples pile up [dB of full scale], none where they do not.
+
+    How many do is a matter of the level, which is known less well: a limit slightly off may explain them better.
+    """
     piled = c.measured.piled[:, station] / c.std.piled[:, station]
     most = int(np.argmax(piled))
     if piled[most] <= 0.0:
         return ()
     samples = c.data.samples[c.heard[station]][c.members[most]].astype(int)
-    return (20.0 * math.log10(np.abs(samples).max()) - full_scale,)
+    limit = 20.0 * math.log10(np.abs(samples).max()) - full_scale
+    return tuple(limit + above for above in _ABOVE_LIMIT)
 
 
 def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
