@@ -34,7 +34,7 @@ class Codes:
 
 def smooth(samples: np.ndarray, noise: float) -> bool:
     """Return whether noise makes the histogram of codes smooth; arguments as those of `evenness`."""
-    return noise >= _LEAST_NOISE * _step(samples.ravel().astype(np.int64) - int(samples.min()))
+    return _is_smooth(_in_steps(samples)[1], noise)
 
 
 def piled(samples: np.ndarray) -> np.ndarray:
@@ -53,9 +53,15 @@ def piled(samples: np.ndarray) -> np.ndarray:
     return np.maximum(more - _PILE, 0.0)
 
 
-def _step(codes: np.ndarray) -> int:
-    """Return the step between codes: an ADC of fewer bits may leave the lowest at zero."""
-    return max(int(np.gcd.reduce(codes)), 1)
+def _in_steps(samples: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return codes in steps from the lowest, and the step [LSB]: an ADC of fewer bits may leave the lowest at zero."""
+    codes = samples.ravel().astype(np.int64) - int(samples.min())
+    step = max(int(np.gcd.reduce(codes)), 1)
+    return codes // step, step
+
+
+def _is_smooth(step: int, noise: float) -> bool:
+    return noise >= _LEAST_NOISE * step
 
 
 def evenness(samples: np.ndarray, noise: float) -> Codes | None:
@@ -65,12 +71,10 @@ def evenness(samples: np.ndarray, noise: float) -> Codes | None:
         samples: int16, any shape [LSB].
         noise: standard deviation per sample [LSB].
     """
-    first = int(samples.min())
-    codes = samples.ravel().astype(np.int64) - first
-    step = _step(codes)
-    if noise < _LEAST_NOISE * step:
+    codes, step = _in_steps(samples)
+    if not _is_smooth(step, noise):
         return None
-    counts = np.bincount(codes // step).astype(float)[_RAIL:-_RAIL]
+    counts = np.bincount(codes).astype(float)[_RAIL:-_RAIL]
     if len(counts) < _NEIGHBOURS:
         return None
     around = np.convolve(counts, np.full(_NEIGHBOURS, 1.0 / _NEIGHBOURS), 'same')[2:-2]
@@ -83,7 +87,7 @@ def evenness(samples: np.ndarray, noise: float) -> Codes | None:
         float(stats.chi2.sf(float(np.mean(z**2)) * freedom / _TAILS, freedom)),
         min(1.0, len(z) * 2.0 * float(stats.norm.sf(float(np.abs(z).max()) / _TAILS))),
     )
-    code = first + step * (np.flatnonzero(told) + _RAIL + 2)
+    code = int(samples.min()) + step * (np.flatnonzero(told) + _RAIL + 2)
     weight = np.cumsum(np.where(np.abs(z) > min(_STANDS_OUT, float(np.abs(z).max())) - 1e-9, z**2, 0.0))
     low, high = code[np.searchsorted(weight, [0.05 * weight[-1], 0.95 * weight[-1]]).clip(0, len(code) - 1)]
     return Codes(min(1.0, len(chances) * min(chances)), float(np.sum(z**2) - len(z)), float(low), float(high))

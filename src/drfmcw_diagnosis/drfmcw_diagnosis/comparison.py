@@ -1,6 +1,7 @@
 """A recording beside its model: one vector of residuals over their standard deviations, and what effects add to it."""
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -37,7 +38,6 @@ class Comparison:
         plain: features that the model predicts without effects.
         entries: what each number of the vector is.
         residual: measured features less those of the plain model, over their standard deviations.
-        codes: how uneven the ADC codes of each station with samples are, None where that is not told.
     """
 
     def __init__(self, data: Dataset, rows: np.ndarray | None = None) -> None:
@@ -65,7 +65,6 @@ class Comparison:
         self._recorded, self._quiet = recorded, np.array(found.quiet)
         self.entries = self._layout()
         self.residual = self._vector(self.measured)
-        self.codes = self._codes()
 
     def _blocks(self, values: Groups) -> Iterator[tuple[str, np.ndarray]]:
         """Yield what groups hold beyond the plain model, over its deviations: (kind, (G, stations, positions)).
@@ -94,8 +93,9 @@ class Comparison:
         yield 'range', over('range')[:, None, None]
         yield 'velocity', over('velocity')[:, None, None]
 
-    def _codes(self) -> tuple[Codes | None, ...]:
-        """Return how uneven the codes of each station with samples are."""
+    @functools.cached_property
+    def codes(self) -> tuple[Codes | None, ...]:
+        """How uneven the ADC codes of each station with samples are, None where that is not told."""
         rows = np.concatenate(self.members)
         # the least noise, and not what an uneven converter adds to it
         noise = np.fmin(self.measured.noise, self.plain.noise)

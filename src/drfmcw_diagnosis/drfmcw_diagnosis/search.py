@@ -65,7 +65,7 @@ class Search(Fitting):
         super().__init__(comparison)
         self._workers = Workers(jobs)
         self._kept: dict[tuple, np.ndarray] = {}
-        self._without = without
+        self._left_out = without
         self.report = progress or (lambda text, share: None)
         data = comparison.data
         groups = [int(data.group[m[0]]) for m in comparison.members]
@@ -108,18 +108,18 @@ class Search(Fitting):
             CELLS[effect] * len(at_stations(effect, recipe, stations))
             for effect, recipes in RECIPES.items()
             for recipe in recipes
-            if recipe.scanned and effect not in self._without
+            if recipe.scanned and effect not in self._left_out
         ]
         return sum(self._places.values()) + sum(scanned)
 
-    def _scanned(self, residual: np.ndarray) -> list[Candidate]:
+    def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
         """Return the places at which the remainder itself says that effects of sharp shape should begin."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
         for effect, recipes in RECIPES.items():
             for recipe in recipes:
-                if not recipe.scanned or effect in self._without:
+                if not recipe.scanned or effect in self._left_out or only not in ('', effect):
                     continue
                 for station in at_stations(effect, recipe, stations):
                     number = receivers.index(station) if station in receivers else -1
@@ -179,7 +179,7 @@ class Search(Fitting):
             fitted = best
 
     def _promising(
-        self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None
+        self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None, only: str = ''
     ) -> list[tuple[float, Candidate, dict]]:
         """Return (promised gain, candidate, values) of the bank's places, best first.
 
@@ -187,9 +187,10 @@ class Search(Fitting):
             residual: that they should explain.
             beside: effects of the explanation that is there already.
             freedom: of that explanation, which may follow.
+            only: effect that is tried, '' for all.
         """
-        scanned = [c for c in self._scanned(residual) if self._is_other(c, c.values, beside)]
-        kept = [i for i, c in enumerate(self.bank) if self._is_other(c, c.values, beside)]
+        scanned = [c for c in self._scanned(residual, only) if self._is_other(c, c.values, beside)]
+        kept = [i for i, c in enumerate(self.bank) if only in ('', c.effect) and self._is_other(c, c.values, beside)]
         chosen = [*(self.bank[i] for i in kept), *scanned]
         weighted = (residual * self._weight**2).astype(np.float32)
         templates = np.concatenate(
@@ -309,25 +310,22 @@ class Search(Fitting):
 
         The fringes of different heights resemble each other: what is not yet explained may hide the right one.
         """
-        for number, effect in enumerate(fitted.effects):
-            candidate = effect.candidate
-            if not _is_reflection(candidate):
-                continue
-            kept = [e for i, e in enumerate(fitted.effects) if i != number]
-            base = [(e.candidate, e.values) for e in kept]
-            rest = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
-            residual = self.comparison.residual - rest
-            beside = dataclasses.replace(fitted, effects=tuple(kept), template=rest)
-            begun = [
-                (candidate, values)
-                for _, other, values in self._promising(residual, kept, self.freedom(beside))
-                if other.key == candidate.key
-            ]
-            fits = self.fits([[*base, place] for place in begun[:_FRINGES]])
-            best = min(fits, key=lambda f: f.misfit, default=fitted)
-            if best.certain and best.misfit < fitted.misfit - _SAME:
-                fitted = best
-        return fitted
+        number = next((i for i, e in enumerate(fitted.effects) if _is_reflection(e.candidate)), None)
+        if number is None:
+            return fitted
+        candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
+        residual = self.comparison.residual - rest.template
+        begun = self._promising(residual, rest.effects, self.freedom(rest), candidate.effect)[:_FRINGES]
+        base = [(e.candidate, e.values) for e in rest.effects]
+        fits = self.fits([[*base, (candidate, values)] for _, _, values in begun])
+        best = min(fits, key=lambda f: f.misfit, default=fitted)
+        return best if best.certain and best.misfit < fitted.misfit - _SAME else fitted
+
+    def _without(self, fitted: Fitted, number: int) -> Fitted:
+        """Return an explanation without one of its effects, the others as they are; misfit and evidence stay."""
+        kept = tuple(e for i, e in enumerate(fitted.effects) if i != number)
+        template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
+        return dataclasses.replace(fitted, effects=kept, template=template)
 
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
@@ -384,11 +382,9 @@ class Search(Fitting):
         found: dict[tuple, Fitted] = {}
         elsewhere: list[Fitted] = []
         for left_out in range(len(fitted.effects)):
-            kept = [e for i, e in enumerate(fitted.effects) if i != left_out]
-            base = [(e.candidate, e.values) for e in kept]
-            template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
-            rest = dataclasses.replace(fitted, effects=tuple(kept), template=template)
-            goal = self.misfit(template) - fitted.misfit
+            rest = self._without(fitted, left_out)
+            base = [(e.candidate, e.values) for e in rest.effects]
+            goal = self.misfit(rest.template) - fitted.misfit
 
             def refined(place: tuple, base: list = base, goal: float = goal) -> Fitted | None:
                 begun = self.fit([*base, place], _FIRST_STEPS)
@@ -397,7 +393,7 @@ class Search(Fitting):
                 return self.fit([(e.candidate, e.values) for e in begun.effects])
 
             for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
-                if other is None or not self.credible(other, template):
+                if other is None or not self.credible(other, rest.template):
                     continue
                 if other.keys == fitted.keys and other.free == fitted.free:
                     if all(self.apart(other, known) >= _SAME for known in (fitted, *elsewhere)):
