@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drfmcw_diagnosis.adc_codes import evenness, piled
-from drfmcw_diagnosis.comparison import Comparison
-from drfmcw_diagnosis.dataset import read_dataset
-from drfmcw_diagnosis.fitting import Fitting
-from drfmcw_diagnosis.leftovers import leftovers
-from drfmcw_diagnosis.proof.draws import Extent, random_condition
-from drfmcw_diagnosis.proof.effects import Applied, conceal
-from drfmcw_diagnosis.proof.generator import nominal
-from drfmcw_diagnosis.proof.recordings import write_recording
-from drfmcw_diagnosis.views import locations
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.features.adc_codes import evenness, piled
+from drfmcw_diagnosis.finding.views import locations
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_proof.cases.concealing import Applied, conceal
+from drfmcw_proof.cases.draws import Extent, random_condition
+from drfmcw_proof.generator.model import nominal
+from drfmcw_proof.generator.recordings import write_recording
 
 NOISE = 9.0
 

@@ -13,7 +13,7 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from drfmcw_ros.bag import STORAGES, BagError, BagReader, BagWriter, typestore
+from drfmcw_ros.bag.files import STORAGES, BagError, BagReader, BagWriter, typestore
 
 PRACTICE = Path(__file__).parent / 'data' / 'recording_0'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'

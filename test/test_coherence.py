@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drfmcw_diagnosis import coherence
+from drfmcw_diagnosis.features.extractor import coherence
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
 

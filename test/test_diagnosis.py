@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from drfmcw_diagnosis.bank import RECIPES, candidates
-from drfmcw_diagnosis.comparison import Comparison
-from drfmcw_diagnosis.dataset import read_dataset
+from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
-from drfmcw_diagnosis.fitting import Fitting
-from drfmcw_diagnosis.leftovers import leftovers
-from drfmcw_diagnosis.places import places
-from drfmcw_diagnosis.proof.draws import Extent, random_condition
-from drfmcw_diagnosis.proof.effects import Applied, conceal
-from drfmcw_diagnosis.proof.generator import nominal
-from drfmcw_diagnosis.proof.recordings import write_recording
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.bank import RECIPES, candidates
+from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_diagnosis.search.places import places
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
+from drfmcw_proof.cases.concealing import Applied, conceal
+from drfmcw_proof.cases.draws import Extent, random_condition
+from drfmcw_proof.generator.model import nominal
+from drfmcw_proof.generator.recordings import write_recording
 from drfmcw_sim.effects import Effect
 
 DATA = Path(__file__).parent / 'data'

@@ -9,12 +9,12 @@ import scipy.stats
 import yaml
 from scenes import mapping, record, scene
 
-from drfmcw_diagnosis.dataset import Dataset, read_dataset
-from drfmcw_diagnosis.grouping import GROUP
-from drfmcw_diagnosis.refined import scenario_mapping, write_scenario
+from drfmcw_diagnosis.finding.refined import scenario_mapping, write_scenario
+from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
+from drfmcw_diagnosis.recording.grouping import GROUP
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, beat_frequency
-from drfmcw_ros.bag import BagReader, BagWriter, typestore
+from drfmcw_ros.bag.files import BagReader, BagWriter, typestore
 from drfmcw_ros.cli import guarded
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import Scenario, read_scenario, scenario_from_mapping

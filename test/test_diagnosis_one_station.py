@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scenes import STANDARD_STATION, mapping, record
 
-from drfmcw_diagnosis.comparison import Comparison
-from drfmcw_diagnosis.dataset import read_dataset
+from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
+from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_node.maximum_likelihood import MaximumLikelihoodEstimator
 from drfmcw_node.pair import SingleEstimator
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.bag import BagReader, BagWriter
+from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping
 

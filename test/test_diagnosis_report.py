@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from drfmcw_diagnosis import wording
-from drfmcw_diagnosis.report import render_html
-from drfmcw_diagnosis.result import (
+from drfmcw_diagnosis.finding import wording
+from drfmcw_diagnosis.finding.report import render_html
+from drfmcw_diagnosis.finding.result import (
     BeforeAfter,
     Diagnosis,
     Estimate,
@@ -25,7 +25,7 @@ from drfmcw_diagnosis.result import (
     Separability,
     Series,
 )
-from drfmcw_diagnosis.summary import sentences, terminal
+from drfmcw_diagnosis.finding.summary import sentences, terminal
 from drfmcw_sim.effects import Effect
 
 DISTANCES = np.array([37.0, 75.0, 150.0, 250.0, 400.0, 550.0, 700.0, 850.0, 999.0])

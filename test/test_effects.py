@@ -755,7 +755,7 @@ def test_ramp_shapes_recorded_by_another_hand(recording, entries):
     24 sweeps at each of four distances, both stations; a shape is found to 1 %, mostly by how the analytic signal
     of a real record bends at its ends; within 4 %. The ripple's phase is not told: two quadratures.
     """
-    bag = pytest.importorskip('drfmcw_ros.bag')
+    bag = pytest.importorskip('drfmcw_ros.bag.files')
     station = {2: 'master', 6: 'slave'}[recording]
     latest, sweeps = {}, {}
     with bag.BagReader(PRACTICE / f'recording_{recording}') as reader:

@@ -41,7 +41,7 @@ from drfmcw_fusion.statistics import reference_at
 from drfmcw_fusion.verification import compare
 from drfmcw_node.processing import Sweep
 from drfmcw_ros import qos
-from drfmcw_ros.bag import BagReader
+from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.messages import from_message, stamp_ns, to_message
 from drfmcw_sim.scenario import read_scenario
 

@@ -22,11 +22,11 @@ from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode
-from drfmcw_sim.monte_carlo import Moments, ResultDirectory, Study, StudyStopped, point_seed, run
 from drfmcw_study.measurement import measure
 from drfmcw_study.monte_carlo import main
 from drfmcw_study.points import grid, try_point, values_of
 from drfmcw_study.summary import summarise
+from drfmcw_study.trials import Moments, ResultDirectory, Study, StudyStopped, point_seed, run
 
 TEST = Path(__file__).parent
 EXACT_WEATHER = {'temperature_std': 0.0, 'pressure_std': 0.0, 'humidity_std': 0.0}

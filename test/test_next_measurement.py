@@ -11,22 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drfmcw_diagnosis import wording
-from drfmcw_diagnosis.bank import RECIPES, Candidate
-from drfmcw_diagnosis.comparison import Comparison
-from drfmcw_diagnosis.dataset import read_dataset
-from drfmcw_diagnosis.fitting import Fitted, FittedEffect, Fitting
-from drfmcw_diagnosis.further_sweeps import Baseline, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
-from drfmcw_diagnosis.instruments import (
-    DrivePast,
-    FrequencyCounter,
-    PhaseNoiseMeter,
-    SecondInstrument,
-    TerminatedAntenna,
-)
-from drfmcw_diagnosis.next_measurement import measurements, ranked
-from drfmcw_diagnosis.report import render_html
-from drfmcw_diagnosis.result import (
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.finding import wording
+from drfmcw_diagnosis.finding.report import render_html
+from drfmcw_diagnosis.finding.result import (
     SEPARABLE,
     BeforeAfter,
     Diagnosis,
@@ -36,6 +24,18 @@ from drfmcw_diagnosis.result import (
     FoundEffect,
     NextMeasurement,
 )
+from drfmcw_diagnosis.next.further_sweeps import Baseline, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
+from drfmcw_diagnosis.next.instruments import (
+    DrivePast,
+    FrequencyCounter,
+    PhaseNoiseMeter,
+    SecondInstrument,
+    TerminatedAntenna,
+)
+from drfmcw_diagnosis.next.ranking import measurements, ranked
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.bank import RECIPES, Candidate
+from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting
 from drfmcw_sim.effects import Effect
 
 DATA = Path(__file__).parent / 'data' / 'recording_0'

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drfmcw_diagnosis import prove
 from drfmcw_diagnosis.diagnose import main as diagnose
-from drfmcw_diagnosis.judging import OUTCOMES, judge
-from drfmcw_diagnosis.next_measurement import measurements
-from drfmcw_diagnosis.proof.cases import FULL, GROUPS, Counts, plans
-from drfmcw_diagnosis.proof_figures import (
+from drfmcw_diagnosis.next.ranking import measurements
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_proof import prove
+from drfmcw_proof.cases.plan import FULL, GROUPS, Counts, plans
+from drfmcw_proof.figures import (
     goals,
     interval,
     is_named,
@@ -24,9 +24,9 @@ from drfmcw_diagnosis.proof_figures import (
     theoretical_power,
     threshold,
 )
-from drfmcw_diagnosis.proof_report import Run, write_report
-from drfmcw_diagnosis.second_opinion import apart, parted
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_proof.judging import OUTCOMES, judge
+from drfmcw_proof.report import Run, write_report
+from drfmcw_proof.second_opinion import apart, parted
 
 ROOT = Path(__file__).resolve().parents[1]
 

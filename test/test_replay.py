@@ -20,7 +20,7 @@ from drfmcw_fusion.pipeline import RangeResult
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_fusion.statistics import reference_at, setting_statistics
 from drfmcw_fusion.verification import compare, recorded_ranges
-from drfmcw_ros.bag import BagReader, BagWriter
+from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.recording import to_rosbags
 
 ROOT = Path(__file__).parents[1]

@@ -7,21 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drfmcw_diagnosis.bank import RECIPES, Candidate
-from drfmcw_diagnosis.comparison import Comparison
-from drfmcw_diagnosis.dataset import read_dataset
-from drfmcw_diagnosis.features import BURST
-from drfmcw_diagnosis.fitting import Fitted, FittedEffect, Fitting, Freedom
-from drfmcw_diagnosis.leftovers import leftovers
-from drfmcw_diagnosis.proof.decoys import DECOYS
-from drfmcw_diagnosis.proof.draws import Extent, random_condition
-from drfmcw_diagnosis.proof.effects import Applied, conceal
-from drfmcw_diagnosis.proof.generator import nominal
-from drfmcw_diagnosis.proof.recordings import write_recording
-from drfmcw_diagnosis.rivals import rivals, widened
-from drfmcw_diagnosis.search import Search
-from drfmcw_diagnosis.selection import searched
-from drfmcw_diagnosis.workers import Workers
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.features.extractor import BURST
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.bank import RECIPES, Candidate
+from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
+from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_diagnosis.search.rivals import rivals, widened
+from drfmcw_diagnosis.search.search import Search
+from drfmcw_diagnosis.search.selection import searched
+from drfmcw_diagnosis.search.workers import Workers
+from drfmcw_proof.cases.concealing import Applied, conceal
+from drfmcw_proof.cases.decoys import DECOYS
+from drfmcw_proof.cases.draws import Extent, random_condition
+from drfmcw_proof.generator.model import nominal
+from drfmcw_proof.generator.recordings import write_recording
 from drfmcw_sim.effects import Effect
 
 OF_THE_RANGE = {'delay_offset', 'sample_clock_offset', 'delay_temperature', 'reference_offset'}

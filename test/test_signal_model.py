@@ -427,7 +427,7 @@ def test_recording_made_by_another_hand_has_the_same_lines():
     Per distance 24 sweeps. The combined frequency scatters by up to 13 Hz at 1 km (1 Hz is 1 mm), the reference by
     5 mm: the mean by 3 Hz; asserted within 18 Hz. Amplitudes scatter by some 0.3 dB: the mean by 0.1 dB; within 0.6 dB.
     """
-    bag = pytest.importorskip('drfmcw_ros.bag')
+    bag = pytest.importorskip('drfmcw_ros.bag.files')
     from drfmcw_physics.air import refractive_index
 
     latest, sweeps, references, quiet = {}, {}, {}, []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip('drfmcw_ros.bag')
+pytest.importorskip('drfmcw_ros.bag.files')
 from drfmcw_sim import simulate  # noqa: E402
 from drfmcw_sim.recording import write_recording  # noqa: E402
 from drfmcw_sim.scenario import read_scenario  # noqa: E402

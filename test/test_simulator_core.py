@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
-bag = pytest.importorskip('drfmcw_ros.bag')
+bag = pytest.importorskip('drfmcw_ros.bag.files')
 from drfmcw_physics.air import refractive_index  # noqa: E402
 from drfmcw_physics.settings import ConfigurationError  # noqa: E402
 from drfmcw_sim import simulate  # noqa: E402

@@ -19,18 +19,18 @@ from scenes import record, scene
 
 from drfmcw_bringup.graph import REPLAY, STATION, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import monitored
-from drfmcw_diagnosis.background import Background, WorkFailed
-from drfmcw_diagnosis.dataset import Dataset, read_dataset
-from drfmcw_diagnosis.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect
-from drfmcw_diagnosis.watch import OK, STALE, WARN, Judgement, Watch, WatchSettings
-from drfmcw_diagnosis.window import Window, WindowSettings
+from drfmcw_diagnosis.finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect
+from drfmcw_diagnosis.live.background import Background, WorkFailed
+from drfmcw_diagnosis.live.watch import OK, STALE, WARN, Judgement, Watch, WatchSettings
+from drfmcw_diagnosis.live.window import Window, WindowSettings
+from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
 from drfmcw_node.processing import Sweep
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
-from drfmcw_ros.bag import BagReader
+from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.messages import from_message
 
-WATCH = 'drfmcw_diagnosis.node'
+WATCH = 'drfmcw_diagnosis.live.node'
 LIMIT = 150.0  # for a full search on a busy machine [s]
 STOP_LIMIT = 10.0  # for a process to end after a signal [s]
 BEGIN = 1_700_000_000_000_000_000  # [ns]

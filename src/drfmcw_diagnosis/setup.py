@@ -8,7 +8,7 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*']),
-    package_data={NAME: ['templates/*.html']},
+    package_data={NAME + '.finding': ['templates/*.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         ('share/' + NAME, ['package.xml']),
@@ -22,8 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'diagnose = drfmcw_diagnosis.diagnose:main',
-            'prove = drfmcw_diagnosis.prove:main',
-            'watch = drfmcw_diagnosis.node:main',
+            'watch = drfmcw_diagnosis.live.node:main',
         ],
     },
 )

@@ -21,9 +21,7 @@ setup(
     entry_points={
         'console_scripts': [
             'fusion = drfmcw_fusion.fusion:main',
-            'record = drfmcw_fusion.record:main',
             'replay = drfmcw_fusion.replay:main',
-            'info = drfmcw_fusion.info:main',
         ],
     },
 )

@@ -18,4 +18,10 @@ setup(
     maintainer_email='drfmcw@example.com',
     description='Plumbing that every node of drfmcw shares',
     license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'record = drfmcw_ros.bag.record:main',
+            'info = drfmcw_ros.bag.info:main',
+        ],
+    },
 )

@@ -15,8 +15,8 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
 from .engine import FALSE_ALARM_RATE, diagnose
-from .report import render_html
-from .summary import terminal
+from .finding.report import render_html
+from .finding.summary import terminal
 
 
 def parser() -> argparse.ArgumentParser:

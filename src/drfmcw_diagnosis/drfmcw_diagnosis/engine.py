@@ -10,28 +10,20 @@ import numpy as np
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_sim.effects import Effect
 
-from .bank import RECIPES
-from .comparison import Comparison
-from .dataset import Dataset, read_dataset
-from .fitting import Fitted, FittedEffect, Fitting
-from .known import FEWEST
-from .leftovers import leftovers
-from .next_measurement import ranked
-from .refined import write_scenario
-from .result import (
-    BeforeAfter,
-    Diagnosis,
-    Estimate,
-    Explanation,
-    Fit,
-    FoundEffect,
-    NextMeasurement,
-)
-from .rivals import rivals, widened
-from .search import Search
-from .selection import searched
-from .views import locations, misfit_map, remainder, separability, series
-from .wording import sentences
+from .compare.comparison import Comparison
+from .compare.known import FEWEST
+from .finding.refined import write_scenario
+from .finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, NextMeasurement
+from .finding.views import locations, misfit_map, remainder, separability, series
+from .finding.wording import sentences
+from .next.ranking import ranked
+from .recording.dataset import Dataset, read_dataset
+from .search.bank import RECIPES
+from .search.fitting import Fitted, FittedEffect, Fitting
+from .search.leftovers import leftovers
+from .search.rivals import rivals, widened
+from .search.search import Search
+from .search.selection import searched
 
 FALSE_ALARM_RATE = 0.01
 """Accepted chance of finding a mismatch in a recording that holds none."""

@@ -12,7 +12,7 @@ from drfmcw_node.processing import Beat, StationProcessor, Sweep
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import nearest
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.bag import BagError, BagReader
+from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import from_message, stamp_ns
 from drfmcw_ros.topics import SITE_TOPICS, is_measured, split_station_topic
 

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, nearest, read_yaml
-from drfmcw_ros.bag import BagReader
+from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 
 from . import report
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     own, ros = split_ros_arguments(argv)
     arguments = _parser().parse_args(own)
     if arguments.publish:
-        from .player import play  # the offline replay needs no ROS graph
+        from drfmcw_ros.bag.player import play  # the offline replay needs no ROS graph
 
         return guarded('drfmcw replay', lambda: play(arguments, ros))
     return guarded('drfmcw replay', lambda: _offline(arguments))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from drfmcw_ros.bag import BagError, BagReader
+from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import stamp_ns
 
 from .pipeline import RangeResult

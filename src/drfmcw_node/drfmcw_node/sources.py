@@ -13,7 +13,7 @@ from typing import Any
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.bag import BagError, BagReader
+from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import from_message
 
 from .feed import FragmentAssembler, FrameParser, Request, encode_request

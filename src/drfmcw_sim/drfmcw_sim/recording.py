@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.bag import BagWriter, typestore
+from drfmcw_ros.bag.files import BagWriter, typestore
 from drfmcw_ros.topics import SITE_TOPICS, STATION_TOPICS, split_station_topic
 
 from .scenario import Scenario

@@ -19,12 +19,12 @@ from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.settings import read_yaml
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
 from drfmcw_ros.config_files import find_config
-from drfmcw_sim.monte_carlo import ResultDirectory, Study, point_seed
-from drfmcw_sim.monte_carlo import run as run_study
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 from drfmcw_sim.signal_model import Measurements, Station
 
 from .measurement import Trials, conditions, measure
+from .trials import ResultDirectory, Study, point_seed
+from .trials import run as run_study
 
 IF_BAND = 1.024e6
 """IF bandwidth to which a noise power belongs, half of Table 1's sampling rate [Hz]."""
@@ -168,7 +168,7 @@ def _nominal_range(result: Trials, point: Point, sweeps: range) -> np.ndarray:
 
 
 def _try_point(order: Mapping[str, Any], sweeps: range) -> dict[str, np.ndarray]:
-    """Return the trials of an order made by `simulate_all`: the task of `drfmcw_sim.monte_carlo`."""
+    """Return the trials of an order made by `simulate_all`: the task of `drfmcw_study.trials`."""
     point = Point(**{**order['point'], 'mode': Mode(order['point']['mode'])})
     run = Run(**{**order['run'], 'estimator': EstimatorSettings(**order['run']['estimator'])})
     return simulate(point, run, sweeps)

@@ -13,10 +13,10 @@ from rich.text import Text
 from drfmcw_physics.settings import ConfigurationError, read_yaml
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.config_files import find_config
-from drfmcw_sim.monte_carlo import ResultDirectory, Study, StudyStopped, run
 
 from . import summary
 from .points import grid, try_point, values_of
+from .trials import ResultDirectory, Study, StudyStopped, run
 
 _PROG = 'drfmcw montecarlo'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'sim', 'node', 'fusion', 'study'))

@@ -17,11 +17,11 @@ from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, from_mapping
 from drfmcw_physics.sweep import Mode
-from drfmcw_sim.monte_carlo import point_seed
 from drfmcw_sim.scenario import Scenario, override, scenario_from_mapping
 from drfmcw_sim.trajectory import Drive
 
 from .measurement import Trials, measure
+from .trials import point_seed
 
 _EVALUATION = {'estimator': EstimatorSettings, 'fusion': FusionSettings}
 _LARGEST_GRID = 1_000_000
@@ -139,7 +139,7 @@ def distance_and_mode(scenario: Scenario) -> tuple[float, Mode]:
 
 
 def try_point(point: Mapping[str, Any], sweeps: range) -> dict[str, np.ndarray]:
-    """Return the trials with these sweep numbers: the task of `drfmcw_sim.monte_carlo`."""
+    """Return the trials with these sweep numbers: the task of `drfmcw_study.trials`."""
     scenario, estimator, fusion = settings(point)
     _, mode = distance_and_mode(scenario)
     return as_arrays(measure(scenario, sweeps, mode=mode, estimator=estimator, fusion=fusion))

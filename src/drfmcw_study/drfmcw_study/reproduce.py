@@ -15,11 +15,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_sim.monte_carlo import StudyStopped
 
 from . import claims, figures
 from .experiments import NOISE_FLOORS, Run, simulate_all
 from .sections import LABORATORY_PATH, SECTIONS, Finished, Section
+from .trials import StudyStopped
 
 _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a source checkout
 _DOCUMENT = 'reproduction.md'

@@ -17,9 +17,9 @@ from rich.table import Table
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode
 from drfmcw_ros.cli import write_atomically
-from drfmcw_sim.monte_carlo import Moments, ResultDirectory
 
 from .points import distance_and_mode, settings
+from .trials import Moments, ResultDirectory
 
 
 @dataclasses.dataclass(frozen=True)

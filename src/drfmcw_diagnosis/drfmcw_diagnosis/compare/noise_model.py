@@ -1,0 +1,167 @@
+"""The noise that the model expects: floor and skirts in bands, and what both stations' lines have in common."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drfmcw_node.noise import QUANTISATION
+from drfmcw_physics.phase_noise import combination_gain
+from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects.base import Stage
+from drfmcw_sim.signal_model import Measurements, Station
+
+from ..features import coherence
+from ..features.extractor import BANDS, LINE
+from .groups import Part
+from .recorded_sweeps import RecordedSweeps
+
+_FLOOR_LIMIT = 0.02  # what the model of a white floor is trusted to [dB]
+_SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
+_DELAY_STEP = 1e-9  # that turns no sideband's phase noticeably [s]
+_FREQUENCIES = 16  # of each band at which the skirts are taken
+
+
+class NoiseModel:
+    """Noise of a recording's G groups, in closed form; S stations with samples."""
+
+    def __init__(self, recorded: RecordedSweeps, shared: np.ndarray) -> None:
+        """Remember whose noise it is.
+
+        Args:
+            recorded: sweeps whose lines have the skirts.
+            shared: in which groups the coherence of both lines' noise is compared (G,).
+        """
+        self._heard, self._iq = recorded.heard, recorded.data.iq
+        self._parts, self._shared = recorded.parts, shared
+        self._bins = recorded.sweeps[0].power.shape[-1]
+        amplitude = np.array([sweeps.amplitude.mean(axis=0) for sweeps in recorded.sweeps])
+        # of the lines (G, S), at each frequency of a line [LSB^2]
+        self._powers = 10.0 ** (amplitude / 10.0) * (1.0 if self._iq else 0.25)
+        self._lines = np.array([sweeps.line.mean(axis=0) for sweeps in recorded.sweeps])
+        self._known: dict[tuple, np.ndarray] = {}  # coherences by what they depend on
+
+    def predicted(
+        self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS), and the coherence of both.
+
+        Skirts go with the power that a line has, whatever made it.
+
+        Args:
+            part: groups of one setting.
+            state: their conditions after effects.
+            effects: of which filters pass noise by its frequency.
+            line: of each station (G, S) [Hz].
+        """
+        rate = state.stations[0].sweep.sample_rate
+        centre = (np.arange(BANDS * _FREQUENCIES) + 0.5) * (rate / 2 / (BANDS * _FREQUENCIES))
+        oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
+        filters = [self._filter(state.stations[i], state, effects) for i in self._heard]
+        own = line[..., None]
+        offsets = np.stack([np.abs(centre - own), np.minimum(centre + own, rate - centre - own)])
+        if self._iq:  # all of the line at one frequency, no mirror line
+            offsets = np.minimum(offsets[:1], rate - offsets[:1])
+        density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
+        if len(state.stations) == 1:  # the oscillator meets itself, a delay later
+            density = density * combination_gain(offsets, state.paths[0].delay[:, None, None])
+        passed = np.array([np.abs(passes(centre)) ** 2 for passes in filters])
+        # the line's own power has passed the filters already
+        ahead = np.stack([np.abs(passes(at)) ** 2 for passes, at in zip(filters, line.T, strict=True)], axis=1)
+        skirts = passed / ahead[..., None] * density.sum(axis=0) * rate * self._powers[part.groups][..., None]
+        floor = np.stack(
+            [self._floor(state.stations[i], p[None]) for i, p in zip(self._heard, passed, strict=True)], axis=1
+        )
+        # a band that a line fills is not compared
+        filled = np.abs(centre - own) < LINE * (rate / 2 / (self._bins - 1))
+        total = floor + np.where(filled, np.nan, skirts)
+        noise = 10.0 * np.log10(_median(total.reshape(*line.shape, BANDS, _FREQUENCIES)))
+        decisive = (
+            int(part.groups[0]),
+            *oscillators,
+            *(e for e in effects if e.stage == Stage.FILTER),
+            *(s.noise_density.tobytes() for s in state.stations),
+            np.rint(state.paths[0].delay / _DELAY_STEP).tobytes(),
+        )
+        if decisive not in self._known:
+            self._known[decisive] = self._coherence(part, state, effects)
+        return noise, self._known[decisive]
+
+    def limit(self, noise: np.ndarray) -> np.ndarray:
+        """Return to what the noise in bands, `noise` without effects, is trusted [dB]: less where a skirt rules.
+
+        Both (G, S, BANDS).
+        """
+        limit = np.empty(noise.shape)
+        for part in self._parts:
+            floor = np.stack([self._floor(part.steady.stations[i], np.ones((1, 1))) for i in self._heard], axis=1)
+            share = 1.0 - floor / 10.0 ** (noise[part.groups] / 10.0)
+            limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
+        return limit
+
+    def _coherence(self, part: Part, state: Measurements, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the coherence of both lines' phase noise in each group (G, OFFSETS); zero where it is not compared.
+
+        Args:
+            part: groups of one setting.
+            state: their conditions after effects.
+            effects: of which filters pass sidebands by their frequency.
+        """
+        result = np.zeros((len(part.groups), coherence.OFFSETS))
+        if not self._shared[part.groups].any():
+            return result
+        rate = state.stations[0].sweep.sample_rate
+        oscillators = [s.phase_noise for s in state.stations]
+        lines, powers = self._lines[part.groups], self._powers[part.groups]
+        used = coherence.sidebands(lines, state.stations[0].sweep)
+        at = lines[..., None, None]  # (G, 2, sidebands, offsets)
+        sides = np.clip(at + np.stack([used.offset, -used.offset]), 0.0, rate / 2)
+        filters = [self._filter(s, state, effects) for s in state.stations]
+        responses = np.stack([passes(sides[:, i]) / passes(at[:, i]) for i, passes in enumerate(filters)], axis=1)
+        floors = np.stack(
+            [
+                self._floor(s, np.abs(passes(sides[:, i])) ** 2)
+                for i, (s, passes) in enumerate(zip(state.stations, filters, strict=True))
+            ],
+            axis=1,
+        )
+        # what the mirror lines' skirts bring there has a phase of its own
+        mirrors = sum(o.single_sideband(m) for o in oscillators for m in (at + sides, rate - at - sides))
+        floors = floors / (rate * powers[..., None, None]) + mirrors * np.abs(responses) ** 2
+        skirts = np.array([o.single_sideband(used.offset) for o in oscillators])
+        return coherence.predicted(used, skirts, floors, responses, state.paths[0].delay)
+
+    def _filter(
+        self, station: Station, state: Measurements, effects: Sequence[Effect]
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        """Return what tells by how much the filters among `effects` pass frequencies (...) of a station's IF."""
+        filters = [e for e in effects if e.stage == Stage.FILTER and e.applies_to(station.name)]
+        if not filters:
+            return np.ones_like
+        one = state.rows(slice(0, 1))
+        count = station.sweep.sample_count
+        impulse = np.zeros((1, count, 2) if self._iq else (1, count), np.float32)
+        impulse[0, count // 2] = 1.0  # a cut at the Nyquist frequency rings both ways
+        for effect in filters:
+            effect.receive(impulse, next(s for s in one.stations if s.name == station.name), one, list)
+        spectrum = np.fft.rfft(impulse[..., 0] if self._iq else impulse, axis=1)[0]
+        spectrum *= np.exp(2j * np.pi * (count // 2) / count * np.arange(len(spectrum)))  # time counts from the impulse
+        frequency = np.arange(len(spectrum)) * station.sweep.sample_rate / count
+        return lambda at: np.interp(at, frequency, spectrum)
+
+    def _floor(self, station: Station, passed: np.ndarray) -> np.ndarray:
+        """Return the variance of a sample without skirts (n, ...) [LSB^2], of both of its parts with iq.
+
+        Args:
+            station: n sweeps of it.
+            passed: share of the noise before the ADC that filters leave (n, ...), or (1, ...) where all are alike.
+        """
+        before = (station.noise_std() ** 2 * passed.T).T
+        return (before + QUANTISATION) * (2.0 if self._iq else 1.0)
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Return the median over the last axis of what is not NaN, NaN where nothing is."""
+    ordered = np.sort(values, axis=-1)  # NaN last
+    count = np.count_nonzero(~np.isnan(ordered), axis=-1)[..., None]
+    middle = [np.take_along_axis(ordered, np.maximum(at, 0), axis=-1)[..., 0] for at in ((count - 1) // 2, count // 2)]
+    return 0.5 * (middle[0] + middle[1])

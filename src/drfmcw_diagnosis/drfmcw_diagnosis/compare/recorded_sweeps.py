@@ -1,0 +1,136 @@
+"""Which sweeps of a recording are compared, and their features, group by group."""
+
+import itertools
+
+import numpy as np
+
+from drfmcw_node.estimation import Flag
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import beat_frequency
+
+from ..features.extractor import Extractor, SweepFeatures
+from ..features.noise_bands import NoiseBands
+from ..recording.dataset import Dataset
+from .groups import Part, steady
+from .known import FEWEST
+
+_NEAREST_LINE = 40e3  # to 0 Hz and to the Nyquist frequency: the mirror line is then clear of the ramp [Hz]
+_ASTRAY = 1.0  # by which a range differs from those of its group where a line was mistaken [m]
+_ASTRAY_SPREADS = 30.0  # or by so many of their median deviations, if that is more
+_FADED = 2.0  # by which a level differs from those of its group where something is in the way [dB]
+_FADED_SPREADS = 10.0  # or by so many of their median deviations, if that is more
+_FADED_SHARE = 0.25  # of a group's sweeps from which on it is no exception
+_STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
+
+
+class RecordedSweeps:
+    """The sweeps of a recording in G groups of the same conditions, by S stations with samples.
+
+    Attributes:
+        data: the recording.
+        heard: numbers of the stations with samples (S,).
+        members: rows of `data` in each group.
+        scatters: the groups' sweeps are enough to tell their scatter.
+        unsound: how many sweeps were left out, as their lines were not where they should be.
+        parts: the groups by setting.
+        sweeps: features of each group's members.
+        shares: of each group's members in the coherence (n, OFFSETS).
+        slope: of the reference in each group (G,) [m/s].
+        slope_std: its standard deviation (G,), inf where there is no reference.
+        standing: the target stands, by its slope (G,).
+        bands: in which their noise is compared.
+    """
+
+    def __init__(self, data: Dataset, rows: np.ndarray | None = None) -> None:
+        """Choose the sweeps and extract their features.
+
+        Args:
+            data: the recording, of two stations or of one.
+            rows: sweeps to use, None for all.
+
+        Raises:
+            ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter, which two
+                stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone,
+                but its line must stand clear of 0 Hz.
+        """
+        self.data = data
+        self.heard = tuple(i for i, x in enumerate(data.samples) if x is not None)
+        rows = np.arange(len(data)) if rows is None else np.asarray(rows)
+        if len(data.stations) == 1:
+            rows = rows[(data.lines.flags[0, rows] & Flag.NEAR_DC) == 0]
+            if not len(rows):
+                raise ConfigurationError(f'{data.path}: no sweep is usable, the line stands too near 0 Hz')
+        group = data.group[rows]
+        members = [rows[group == g] for g in np.unique(group)]
+        self.members = [m for m in members if len(m) >= FEWEST]
+        self.scatters = bool(self.members)
+        if not self.scatters:
+            if len(data.stations) == 2:
+                raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
+            self.members = members
+        self.unsound = 0
+        self._extract()
+        sound = [self._sound(g) for g in range(len(self.members))]
+        if len(data.stations) == 2 and not all(s.all() for s in sound) and any(s.sum() >= FEWEST for s in sound):
+            kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= FEWEST]
+            self.unsound = sum(map(len, self.members)) - sum(map(len, kept))
+            self.members = kept
+            self._extract()
+        slope, slope_std = data.velocity, data.velocity_std
+        self.slope = np.array([np.nanmean(slope[m]) if np.isfinite(slope[m]).any() else 0.0 for m in self.members])
+        known = [np.isfinite(slope_std[m]).any() for m in self.members]
+        self.slope_std = np.array(
+            [np.nanmean(slope_std[m]) if k else np.inf for m, k in zip(self.members, known, strict=True)]
+        )
+        self.standing = np.abs(self.slope) < _STANDING * np.where(known, self.slope_std, np.inf)
+        self.bands = NoiseBands(data.sweeps[0][0].sample_rate, self.parts[0].extract.window_power)
+
+    def _extract(self) -> None:
+        """Take the features of all members' sweeps."""
+        data = self.data
+        self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
+        self.sweeps: list[SweepFeatures] = [None] * len(self.members)
+        self.shares: list[np.ndarray] = [None] * len(self.members)
+        for part in self.parts:
+            for g in part.groups:
+                samples = tuple(data.samples[i][self.members[g]] for i in self.heard)
+                scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
+                self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
+                self.shares[g] = part.extract.shared_noise(samples, self.sweeps[g])
+
+    def _sound(self, group: int) -> np.ndarray:
+        """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).
+
+        Neither are few of them far weaker than the others: something stood in the way.
+        """
+        sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
+        # a line that is expected beyond the Nyquist frequency folds back into the ramp's band
+        lines = np.concatenate([sweeps.line, self._expected_lines(group)[None]])
+        clear = np.all((lines > _NEAREST_LINE) & (lines < rate / 2 - _NEAREST_LINE), axis=1)
+        clear = clear[:-1] & clear[-1]
+        error = sweeps.range - self.data.distance[self.members[group]]
+        error = np.abs(error - np.median(error))
+        clear &= error < max(_ASTRAY, _ASTRAY_SPREADS * float(np.median(error)))
+        apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
+        faded = np.any(apart > np.maximum(_FADED, _FADED_SPREADS * np.median(apart, axis=0)), axis=1)
+        return clear & ~(faded & (np.mean(faded) < _FADED_SHARE))
+
+    def _expected_lines(self, group: int) -> np.ndarray:
+        """Return where the nominal model has a group's lines (S,) [Hz]."""
+        part = next(p for p in self.parts if group in p.groups)
+        delay = float(part.steady.paths[0].delay[part.groups == group][0])
+        sweeps, calibrated = part.extract.sweeps, self.data.calibration
+        return np.array(
+            [beat_frequency(sweeps[i], delay, calibrated[i].alpha, calibrated[-1 - i].alpha) for i in self.heard]
+        )
+
+    def _part(self, setting: int) -> Part:
+        """Return the groups of one setting and their nominal conditions."""
+        data = self.data
+        groups = np.array([g for g, m in enumerate(self.members) if data.setting[m[0]] == setting])
+        counts = [len(self.members[g]) for g in groups]
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        local = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
+        nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
+        extract = Extractor(data.sweeps[setting], data.calibration, self.heard, data.iq)
+        return Part(groups, local, nominal, steady(nominal, local), extract)

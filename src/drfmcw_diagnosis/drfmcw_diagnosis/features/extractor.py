@@ -1,0 +1,439 @@
+"""What a recording and a model of it are compared by: a few thousand numbers per recording, on all levels.
+
+The same functions see measured and simulated samples. Per sweep pair amplitude, phase and start delay are free (the
+interface's nuisances) and are taken out; what remains is
+
+- ramp: log amplitude of both lines, and sum and difference of both phases, over the time in the sweep. The oscillators'
+  noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
+- flutter: how much of that changes from sweep to sweep beyond the noise, which a modulation of random phase does;
+- spectrum: narrow lines beside the stations' own, and the mean of the samples;
+- harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
+- piled: samples at the outermost codes, which a limiter piles up there;
+- burst: how unevenly over sweeps and spans of a sweep the power beside the line is spread;
+- noise: power of the spectrum in bands, lines left out;
+- coherence: what the oscillators' noise in both lines has in common, which tells whose it is (`coherence`);
+- beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
+- amplitude: received power;
+- range: combined delay, as range beyond the reference;
+- movement: range by the carrier phase within a group.
+
+Of one station alone there is neither sum nor difference: its own amplitude and phase over the sweep, and the range by
+its line. Where it hears a peer, T_off counts as nominal in that range and hides what little the phase would tell of a
+movement; where it hears itself, most of its oscillator's noise cancels with the short delay.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy.fft
+from scipy.ndimage import median_filter
+
+from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
+from drfmcw_fusion.combination import Station as Share
+from drfmcw_node.estimation import Estimates, EstimatorSettings
+from drfmcw_node.pair import PairEstimator, SingleEstimator
+from drfmcw_node.processing import Beat
+from drfmcw_node.spectral import window_samples
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.sweep import Role, SweepSettings
+
+from ..recording.dataset import delay_of_one
+from . import adc_codes, coherence
+
+BANDS = 8
+"""Bands of equal width in which the noise is compared."""
+
+HARMONICS = (2, 3, 5)
+"""Multiples of the line's phase at which distortion shows."""
+
+SPAN = 64
+"""Samples over which the power without the line is taken."""
+
+BURST = 2.2
+"""Times the median power, which no span of steady noise reaches."""
+
+_SPAN_SHARE = 0.1  # of the window's largest power that a span must have
+_FREE_SWEEPS = 3  # without a burst, that tell the noise between bursts
+_CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
+_BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
+LINE = 64
+"""Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
+
+_EDGE = 32  # bins next to 0 Hz and to the Nyquist frequency that are not compared
+_MEDIAN = 65  # bins over which the noise around a narrow line is taken
+
+
+@dataclasses.dataclass(frozen=True)
+class Channel:
+    """What one of the ramp's series is."""
+
+    of_phase: bool  # else log amplitude
+    receiver: int  # number among the stations with samples, -1 for both
+    words: str
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepFeatures:
+    """Features of n sweeps of one setting; S stations with samples, K blocks, B bins, Q parts of a sample (I and Q)."""
+
+    ramp: np.ndarray  # (n, 2 S, K): log amplitudes, then phases [rad], of a pair their sum and difference over sqrt(2)
+    time: np.ndarray  # (K,) of the blocks in the first station's sweep [s]
+    power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
+    line: np.ndarray  # (n, S) frequency of each line [Hz]
+    mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
+    piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
+    quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
+    beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
+    amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
+    range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
+    range_std: np.ndarray  # (n,) or (n, 0), as fusion reports it [m]
+    # phase that tells a movement: sum of both, or that of a station that hears itself (n,) or (n, 0) [rad]
+    carrier: np.ndarray
+    phase_std: np.ndarray  # (n,) or (n, 0) of it, by additive noise and mirror lines [rad]
+
+
+class Extractor:
+    """Turns the samples of one or two stations, of one setting, into features."""
+
+    def __init__(
+        self, sweeps: tuple[SweepSettings, ...], calibrations: tuple[Calibration, ...], heard: tuple[int, ...], iq: bool
+    ) -> None:
+        """Prepare the estimators.
+
+        Args:
+            sweeps: settings of the first and the second station, or of the one that hears itself.
+            calibrations: of the same.
+            heard: numbers of the stations with samples.
+            iq: quadrature samples.
+        """
+        self.sweeps, self.calibrations, self.heard, self.iq = sweeps, calibrations, heard, iq
+        settings = EstimatorSettings(estimator='pair')
+        own = heard[0]
+        self.sign = sweeps[0].line_sign() * sweeps[-1].line_sign()
+        rate, wave = abs(sweeps[own].chirp_rate), SPEED_OF_LIGHT / sweeps[0].center_frequency
+        if len(heard) == 2:
+            self.estimator = PairEstimator(*sweeps, settings, iq, *calibrations, blocks=_BLOCKS, chirp_known=False)
+            self.way_per_phase = wave / (4.0 * np.pi)
+            self.beat_per_start_delay = 2.0 * rate
+            self.channels = (
+                *(Channel(False, i, 'IF amplitude over the sweep') for i in range(2)),
+                *(Channel(True, -1, f'{which} of both IF phases over the sweep') for which in ('sum', 'difference')),
+            )
+        else:
+            alone = sweeps[own]
+            self.estimator = SingleEstimator(alone, settings, iq, calibrations[own], calibrations[-1 - own], _BLOCKS)
+            self.way_per_phase = alone.line_sign() * wave / (2.0 * np.pi) if alone.hears_itself else 0.0
+            self.beat_per_start_delay = rate if alone.role == Role.FIRST else self.sign * rate
+            self.channels = tuple(
+                Channel(of_phase, 0, f'IF {what} over the sweep')
+                for of_phase, what in ((False, 'amplitude'), (True, 'phase'))
+            )
+        window = self.estimator.stations[0].duration
+        self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)  # deviation of mid-window phase per slope
+        self.window_power = tuple(s.meter.window_power for s in self.estimator.stations)
+        self._weights = [
+            window_samples('hann', *s.sweep.analysis_window(), s.sweep.sample_rate, s.sweep.sample_count) / s.window_sum
+            for s in self.estimator.stations
+        ]
+
+    def __call__(
+        self,
+        samples: tuple[np.ndarray, ...],
+        full_scale: float,
+        index: np.ndarray,
+        harmonic: bool = True,
+        quiet: bool = True,
+        noisy: bool = True,
+    ) -> SweepFeatures:
+        """Return the features of sweeps.
+
+        Args:
+            samples: of each station with samples (n, N) or (n, 2 N), int16, or float before the ADC.
+            full_scale: ADC code of full scale [LSB].
+            index: refractive index of the air (n,).
+            harmonic: take the harmonics, which are (n, S, 0) else, and what is piled up at a limit, which is 0 else.
+            quiet: take the power without the line, which is (n, S, 0) else.
+            noisy: take what the noise of range and carrier is told by, and the carrier, which are (n, 0) else.
+        """
+        functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
+        taken = tuple(f for f, wanted in functions if wanted)
+        parts = [
+            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy)
+            for i in range(0, len(samples[0]), 64)
+        ]
+        found = [np.concatenate(values) for values in zip(*parts, strict=True)]
+        ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std, *rest = found
+        nothing = np.zeros((*line.shape, 0))
+        harmonics, piles, quiets = (rest.pop(0) if wanted else nothing for _, wanted in functions)
+        hardware = sum(c.delay for c in self.calibrations)
+        velocity = SPEED_OF_LIGHT / index
+        return SweepFeatures(
+            ramp=ramp,
+            time=self.time,
+            power=power,
+            line=line,
+            mean=mean,
+            harmonic=harmonics,
+            piled=piles[..., 0] if harmonic else np.zeros(line.shape),
+            quiet=quiets,
+            beat=beat,
+            amplitude=amplitude,
+            range=(delay - hardware) * velocity,
+            range_std=(std.T * velocity).T,
+            carrier=carrier,
+            phase_std=phase_std,
+        )
+
+    def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what additive noise alone makes of one sweep: variances of ramp (2 S,) and mean (S, Q).
+
+        Args:
+            sweeps: features of a group, of one station.
+            noise: variance per sample (S,) [LSB^2].
+        """
+        parts = 2.0 if self.iq else 1.0
+        line = 10.0 ** (sweeps.amplitude.mean(axis=0) / 10.0) * (1.0 if self.iq else 0.25)
+        ramp = noise / (2.0 * self.estimator.block * line)
+        mean = noise / parts * np.array([w @ w for w in self._weights])
+        return np.tile(ramp, 2), np.repeat(mean[:, None], int(parts), axis=1)
+
+    def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
+        """Return each sweep's share in the coherence of both lines' phase noise (n, OFFSETS), see `coherence`.
+
+        Zero of one station alone, and of quadrature samples, whose line may stand at negative frequency.
+
+        Args:
+            samples: of each station with samples (n, N).
+            sweeps: their features.
+        """
+        if len(samples) < 2 or self.iq:
+            return np.zeros((len(samples[0]), coherence.OFFSETS))
+        time = sweeps.time - sweeps.time.mean()
+        total, difference = sweeps.ramp[:, 2:].mean(axis=0)
+        phases = (total + difference) / np.sqrt(2.0), self.sign * (total - difference) / np.sqrt(2.0)
+        chirp = np.array([np.polyfit(time, phase, 2)[0] / np.pi for phase in phases])
+        later = self.sweeps[0].start_delay + (sweeps.beat - sweeps.beat.mean()) / self.beat_per_start_delay
+        return coherence.measured(samples, sweeps.line, chirp, later, self._weights, self.sweeps)
+
+    def _chunk(
+        self,
+        samples: tuple[np.ndarray, ...],
+        full_scale: float,
+        taken: Sequence[Callable[..., np.ndarray]],
+        noisy: bool,
+    ) -> tuple[np.ndarray, ...]:
+        """Return the feature arrays of a chunk, those that take single stations' samples last; delays, not ranges."""
+        n = len(samples[0])
+        if noisy:
+            estimates, base = self.estimator.with_basebands(samples, full_scale)
+            told = self._noisy(estimates)
+        else:
+            base = self.estimator.basebands(samples)
+            told = (np.zeros((n, 0)),) * 3
+        self.time = base.time[0]
+        log = np.log(np.maximum(np.abs(base.lines), 1e-9))
+        level = log.mean(axis=-1)
+        t = (base.time - base.time.mean(axis=-1, keepdims=True))[:, None]
+        phase = np.unwrap(np.angle(base.lines), axis=-1)
+        phase -= phase.mean(axis=-1, keepdims=True)
+        phase -= (phase * t).sum(axis=-1, keepdims=True) / (t * t).sum(axis=-1, keepdims=True) * t
+        per_baseband = 1.0 if self.iq else 2.0  # a real line has its other half at negative frequency
+        parts = 2 if self.iq else 1
+        means = [
+            np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
+            for x, w in zip(samples, self._weights, strict=True)
+        ]
+        stations = self.estimator.stations
+        of_stations = tuple(
+            np.stack(
+                [
+                    take(_complex(x, self.iq), at, w, s.sweep)
+                    for x, at, w, s in zip(samples, base.beat, self._weights, stations, strict=True)
+                ],
+                axis=1,
+            )
+            for take in taken
+        )
+        if len(self.heard) == 1:
+            phases, beat = phase, base.beat[0]
+            own = self.heard[0]
+            delay = delay_of_one(self.sweeps[own], beat, self.calibrations[own], self.calibrations[-1 - own])
+        else:
+            one, two = phase[0], self.sign * phase[1]
+            phases = np.array([(one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)])
+            beat = base.beat[0] + self.sign * base.beat[1]
+            delay = delay_on_true_clocks(self.sweeps, self.calibrations, base.beat)
+        return (
+            np.concatenate([log - level[..., None], phases]).swapaxes(0, 1),
+            np.stack(base.power, axis=1),
+            base.beat.T,
+            np.stack(means, axis=1),
+            beat,
+            20.0 / np.log(10.0) * level.T + 20.0 * np.log10(per_baseband),
+            delay,
+            *told,
+            *of_stations,
+        )
+
+    def _noisy(self, estimates: Sequence[Estimates]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return of each sweep the delay's standard deviation [s], the carrier's phase and its deviation [rad]."""
+        independent = np.sqrt(sum(e.independent_std**2 for e in estimates))
+        if len(estimates) == 1:
+            (only,) = estimates
+            std, carrier = only.frequency_std / abs(self.sweeps[self.heard[0]].chirp_rate), only.phase
+        else:
+            paths = [self._path(estimates, row) for row in range(len(independent))]
+            std, carrier = np.array([p.std for p in paths]), np.array([p.carrier_phase for p in paths])
+        return std, carrier, independent * self.phase_per_frequency
+
+    def _harmonics(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return the harmonics of one station's line over the line (n, 2 H), at the line's own phase.
+
+        Multiples of the line's phase fold back at 0 Hz and at the Nyquist frequency by themselves; NaN where one falls
+        on the line, its mirror or 0 Hz.
+        """
+        rate, step = sweep.sample_rate, np.arange(len(weights))
+        turn = coherence.phasor(-(frequency[:, None] / rate) * step)
+        weighted = samples * weights.astype(np.float32)
+        line = np.einsum('ij,ij->i', weighted, turn)
+        if self.iq:  # a quadrature receiver's line may stand at negative frequency
+            mirror = np.einsum('ij,ij->i', weighted.conj(), turn)
+            below = np.abs(mirror) > np.abs(line)
+            weighted = np.where(below[:, None], weighted.conj(), weighted)
+            line = np.where(below, mirror, line)
+        found = []
+        power, reached = turn, 1
+        for order in HARMONICS:
+            while reached < order:
+                power, reached = power * turn, reached + 1
+            # cos^3 and sin^3 of I and Q hold cos(3 psi) and -sin(3 psi): a line at three times the negative frequency
+            multiple = -order if self.iq and order % 4 == 3 else order
+            value = np.einsum('ij,ij->i', weighted, power if multiple > 0 else power.conj())
+            value = value * np.exp(-1j * multiple * np.angle(line)) / np.abs(line)
+            # in cycles per sample, between -1/2 and 1/2
+            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (multiple * frequency / rate, frequency / rate))
+            apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
+            found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
+        stacked = np.stack(found, axis=1)
+        return np.concatenate([stacked.real, stacked.imag], axis=1)
+
+    def _piled(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return what one station's samples pile up at its outermost codes (n, 1)."""
+        return adc_codes.piled(samples)[:, None]
+
+    def _without_line(
+        self, samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings
+    ) -> np.ndarray:
+        """Return the power of one station's IF without its line in spans of the sweep (n, T) [LSB^2]."""
+        weights = (weights / weights.max()).astype(np.float32)
+        transform = np.fft.fft if self.iq else np.fft.rfft
+        spectrum = transform(samples * weights, axis=1)
+        bins = len(weights) // 2 + 1
+        masked = near_line(bins, frequency, sweep.sample_rate / len(weights), sweep.sample_rate)
+        spectrum[:, :bins][masked] = 0.0
+        if self.iq:
+            spectrum[:, bins:][masked[:, -2:0:-1]] = 0.0
+        left = np.fft.ifft(spectrum) if self.iq else np.fft.irfft(spectrum, len(weights))
+        spans = len(weights) // SPAN
+        power = (np.abs(left[:, : spans * SPAN]) ** 2).reshape(len(left), spans, SPAN).mean(axis=2)
+        expected = (weights[: spans * SPAN] ** 2).reshape(spans, SPAN).mean(axis=1)
+        clear = expected > _SPAN_SHARE
+        return power[:, clear] / expected[clear]
+
+    def _path(self, estimates: Sequence[Estimates], row: int) -> PathDelay:
+        """Return what fusion makes of one sweep pair."""
+        shares = []
+        for sweep, calibration, e in zip(self.sweeps, self.calibrations, estimates, strict=True):
+            values = (e.frequency[row], e.frequency_std[row], e.phase[row], e.power[row], e.snr[row])
+            beat = Beat(sweep.station, sweep.peer, row, 0, *map(float, values), 0, '', e.independent_std[row], e.window)
+            shares.append(Share(beat, sweep, calibration))
+        return combine(*shares)
+
+
+def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
+    """Return samples as complex numbers where they are I/Q pairs (n, N), else as they are."""
+    if not iq:
+        return samples.astype(np.float32)
+    return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
+
+
+def local_noise(power: np.ndarray, bins: int = _MEDIAN) -> np.ndarray:
+    """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
+    return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='nearest')
+
+
+def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:
+    """Return which bins lie at a line (..., B), or beyond what is compared.
+
+    Args:
+        bins: number of bins B.
+        frequency: of the lines (...) [Hz].
+        width: of a bin [Hz].
+        rate: sample rate [Hz].
+    """
+    axis = np.arange(bins) * width
+    close = np.abs(axis - frequency[..., None]) < LINE * width
+    return close | (axis < _EDGE * width) | (axis > rate / 2 - _EDGE * width)
+
+
+def gaussian(ratio: np.ndarray, count: int | np.ndarray) -> np.ndarray:
+    """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
+    return (np.cbrt(ratio) - np.cbrt(median_of_mean(count))) * np.sqrt(9.0 * count)
+
+
+def median_of_mean(count: int | np.ndarray) -> float | np.ndarray:
+    """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
+    return (1.0 - 1.0 / (9.0 * count)) ** 3
+
+
+def quiet_sweeps(quiet: np.ndarray) -> np.ndarray:
+    """Return which sweeps hold no burst (n, S), all of a station where hardly any is free; `quiet` (n, S, T)."""
+    free = ~np.any(quiet > BURST * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
+    return free | (free.sum(axis=0) < _FREE_SWEEPS)
+
+
+def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)); `power` (n, S, B), `chosen` (n, S)."""
+    count = chosen.sum(axis=0)
+    return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
+
+
+def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how unevenly power is spread, (S, 3), and its deviation under steady noise.
+
+    Logarithm of the mean of the spans' squares over the sweeps, over its median; the share of sweeps with a span of
+    more than `BURST` times the median, and the share of such spans.
+
+    Args:
+        quiet: power of n sweeps in spans (n, S, T).
+    """
+    n, _, spans = quiet.shape
+    over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
+    square = np.mean(over**2, axis=2)
+    middle = np.median(square, axis=0)
+    spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
+    least = 2.0 / np.sqrt(SPAN * spans)  # of white noise in I and Q, the evenest there is
+    share, sweeps = np.mean(over > BURST, axis=(0, 2)), np.mean(over.max(axis=2) > BURST, axis=0)
+    return (
+        np.stack([np.log(square.mean(axis=0) / middle), sweeps, share], axis=1),
+        np.stack(
+            [
+                np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
+                np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
+                np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
+            ],
+            axis=1,
+        ),
+    )
+
+
+def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:
+    """Return ramp features (..., K) as orthonormal cosine series, in which their noise is uncorrelated enough."""
+    return scipy.fft.dct(ramp, norm='ortho', axis=-1)

@@ -1,0 +1,79 @@
+"""Noise in bands of equal width beside the lines: what a spectrum shows of it, and what further lines make of that."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .extractor import BANDS, median_of_mean, near_line
+
+_FEWEST_BINS = 16  # of a band that tell its noise
+_NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
+
+
+class NoiseBands:
+    """The bands of spectra under one sample rate and window, of S stations."""
+
+    def __init__(self, rate: float, window_power: Sequence[float]) -> None:
+        """Remember what makes a spectrum.
+
+        Args:
+            rate: sample rate [Hz].
+            window_power: mean power that noise of 1 LSB^2 per sample has in a bin, of each station (S,) [LSB^2].
+        """
+        self._rate, self._window_power = rate, np.array(window_power)
+
+    def at_line(self, line: np.ndarray, bins: int) -> np.ndarray:
+        """Return which bins (..., B) are left to the features of the lines themselves; `line` (...) [Hz]."""
+        return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
+
+    def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (S, BANDS) each.
+
+        NaN, and inf as its deviation, where a line fills the band.
+
+        Args:
+            power: mean spectra (S, B) [LSB^2].
+            line: of each station (S,) [Hz].
+            count: of the sweeps in each mean (S,).
+        """
+        bins = power.shape[-1]
+        masked = self.at_line(line, bins)
+        noise, std = (np.full((len(power), BANDS), value) for value in (np.nan, np.inf))
+        edges = _edges(bins)
+        for station in range(len(power)):
+            for band in range(BANDS):
+                inside = power[station, edges[band] : edges[band + 1]]
+                inside = inside[~masked[station, edges[band] : edges[band + 1]]]
+                if len(inside) < _FEWEST_BINS:
+                    continue
+                median = np.median(inside) / median_of_mean(count[station])
+                noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
+                # neighbouring bins of a Hann window share half of their noise; a median has 1.25 times the mean's
+                std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count[station]))
+        return noise, std
+
+    def raised(self, quiet: np.ndarray, added: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the medians of bands show with lines added [dB of 1 LSB^2 per sample], and the noise in each bin.
+
+        Args:
+            quiet: noise in bands, of each group (G, S, BANDS) [dB of 1 LSB^2 per sample].
+            added: power of lines in each bin (G, S, B) [LSB^2].
+            line: of each station (G, S) [Hz].
+        """
+        bins = added.shape[-1]
+        edges = _edges(bins)
+        power = self._window_power[:, None]
+        noise, floor = quiet.copy(), np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=-1)
+        noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=-1) > _NOTICED
+        if noticed.any():
+            shown = np.where(self.at_line(line, bins), np.nan, floor + added)
+        for group, station, band in zip(*np.nonzero(noticed), strict=True):
+            inside = shown[group, station, edges[band] : edges[band + 1]]
+            if np.isfinite(inside).any():
+                noise[group, station, band] = 10.0 * np.log10(np.nanmedian(inside) / power[station, 0])
+        return noise, floor
+
+
+def _edges(bins: int) -> np.ndarray:
+    """Return the first bin of each band and the end of the last, (BANDS + 1,)."""
+    return np.linspace(0, bins, BANDS + 1).astype(int)

@@ -1,0 +1,274 @@
+"""A diagnosis as one HTML page that needs nothing else: no network, no scripts, pictures inside."""
+
+import base64
+import dataclasses
+import math
+import re
+import shlex
+from collections.abc import Sequence
+
+import jinja2
+import numpy as np
+import yaml
+from markupsafe import Markup, escape
+
+from . import plots, wording
+from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
+
+PANELS = 6
+"""Series shown at most at once, those with the largest excess misfit; the others are folded away."""
+
+MOST = 30
+"""Series in the page at all, which keeps it below 3 MB."""
+
+LEAST = 2
+"""Series shown at once even where there is nothing in them but noise."""
+
+_FULL_BAR = 5.0 * SEPARABLE  # separation from which on a measurement's bar is full
+
+_ENVIRONMENT = jinja2.Environment(
+    loader=jinja2.PackageLoader('drfmcw_diagnosis.finding', 'templates'),
+    autoescape=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    undefined=jinja2.StrictUndefined,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """A picture and what is said beside it."""
+
+    title: str
+    note: str
+    image: str  # data URI
+
+
+@dataclasses.dataclass(frozen=True)
+class Tile:
+    """A figure that is seen first."""
+
+    name: str
+    value: str
+    note: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Ranked:
+    """One explanation in the ranking."""
+
+    title: str
+    sizes: tuple[str, ...]  # each effect's parameters
+    gain: str
+    odds: str  # against the best
+    width: float  # of its bar [%]
+    chosen: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Deciding:
+    """One hypothetical measurement in the list of those that may decide."""
+
+    sentence: str
+    separation: str
+    width: float  # of its bar [%]
+    ruled_out: str
+    decides: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One distance of the separability matrix."""
+
+    text: str
+    kind: str  # 'self', 'near', 'far' or ''
+
+
+def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
+    """Return the report.
+
+    Args:
+        diagnosis: what was found.
+        configuration: text of the refined simulator configuration, shown folded where given.
+    """
+    explained = diagnosis.explanation is not None
+    effects = diagnosis.explanation.effects if diagnosis.explanation else ()
+    ranges = _range_series(diagnosis.series)
+    others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
+    panels = [_panel(s, diagnosis) for s in others[:MOST]]
+    shown = min(PANELS, max(LEAST, sum(map(_tells, others))))
+    return _ENVIRONMENT.get_template('report.html').render(
+        d=diagnosis,
+        w=wording,
+        headline=wording.headline(diagnosis),
+        paragraphs=wording.paragraphs(diagnosis),
+        tiles=_tiles(diagnosis),
+        explained=explained,
+        effects=[(e, wording.effect_words(e)) for e in effects],
+        misfit_map=diagnosis.misfit_map and _uri(plots.misfit_map(diagnosis.misfit_map, explained)),
+        panels=panels[:shown],
+        folded=panels[shown:],
+        left_out=max(0, len(others) - MOST),
+        ranges=ranges and _panel(ranges, diagnosis),
+        ranking=_ranking(diagnosis),
+        deciding=_deciding(diagnosis),
+        threshold=100.0 * SEPARABLE / _FULL_BAR,
+        separability=diagnosis.separability and _cells(diagnosis.separability),
+        separable=SEPARABLE,
+        held_out=_uri(plots.held_out(diagnosis.fit)) if explained else None,
+        locations=[
+            (x, 100.0 * min(max(x.share, 0.0), 1.0) if math.isfinite(x.share) else 0.0)
+            for x in sorted(diagnosis.locations, key=lambda x: -x.share)
+        ],
+        command=diagnosis.command or f'./drfmcw diagnose {shlex.quote(diagnosis.recording)}',
+        simulate=diagnosis.refined_config and f'./drfmcw simulate {shlex.quote(diagnosis.refined_config)} --out again',
+        entries=_entries(effects) if effects else '',
+        configuration=configuration,
+        keep=_keep_together,
+    )
+
+
+def _uri(png: bytes) -> str:
+    return 'data:image/png;base64,' + base64.b64encode(png).decode()
+
+
+def _keep_together(text: str) -> Markup:
+    """Return the text escaped, with no line end after a number or a ±."""
+    return Markup(re.sub(r'(?<=[\d±]) (?=\S)', '\N{NO-BREAK SPACE}', str(escape(text))))
+
+
+def _excess(series: Series) -> float:
+    """Return by how much the sum of squares exceeds what noise gives."""
+    squares = _squares(series, series.residual)
+    return float(np.sum(squares - 1.0)) if len(squares) else -math.inf
+
+
+def _tells(series: Series) -> bool:
+    """Return True where there is more than noise, or the explanation adds something."""
+    n = len(_squares(series, series.residual))
+    return bool(_excess(series) > 3.0 * math.sqrt(2.0 * n) or np.any(np.abs(series.curve) > 0.5 * series.std))
+
+
+def _squares(series: Series, residual: np.ndarray) -> np.ndarray:
+    known = np.isfinite(residual) & (series.std > 0.0)
+    return (residual[known] / series.std[known]) ** 2
+
+
+def _range_series(series: Sequence[Series]) -> Series | None:
+    ranges = [s for s in series if s.level == 'range']
+    order = ('range', 'time')
+    return min(ranges, key=lambda s: order.index(s.axis) if s.axis in order else len(order), default=None)
+
+
+def _panel(series: Series, diagnosis: Diagnosis) -> Panel:
+    explained = diagnosis.explanation is not None
+    squares = _squares(series, series.residual)
+    note = ''
+    if len(squares):
+        note = f'misfit {wording.misfit(float(squares.mean()))}'
+        if explained:
+            after = _squares(series, series.residual - series.curve)
+            note += f' → {wording.misfit(float(after.mean()))}'
+    image = _uri(plots.series_panels(series, diagnosis.locations, explained))
+    return Panel(wording.capital(series.label), note, image)
+
+
+def _tiles(diagnosis: Diagnosis) -> list[Tile]:
+    fit, explained = diagnosis.fit, diagnosis.explanation is not None
+
+    def both(figure: BeforeAfter, sign: bool = True) -> str:
+        before, after = wording.millimetres(figure.before, figure.after, sign=sign)
+        return f'{before.removesuffix(" mm")} → {after}' if explained else before
+
+    tiles = []
+    if math.isfinite(fit.held_out.before):
+        after = f' → {wording.misfit(fit.held_out.after)}' if explained else ''
+        value = wording.misfit(fit.held_out.before) + after
+        tiles.append(Tile('misfit on sweeps kept out', value, '1 when the model is right'))
+    if fit.range_bias is not None:
+        tiles.append(Tile('mean range error', both(fit.range_bias), 'against the reference'))
+    if fit.range_std is not None:
+        tiles.append(Tile('range scatter', both(fit.range_std, sign=False), "the reference's own included"))
+    tiles.append(
+        Tile(
+            'a mismatch this large by chance',
+            wording.chance(diagnosis.significance).removesuffix(' recordings'),
+            'recordings',
+        )
+    )
+    return tiles
+
+
+def _ranking(diagnosis: Diagnosis) -> list[Ranked]:
+    if diagnosis.explanation is None:
+        rows = list(diagnosis.alternatives)
+    else:
+        rows = [diagnosis.explanation, *diagnosis.alternatives]
+    if not rows:
+        return []
+    rows.append(Explanation((), 0.0))
+    best = max(r.log_evidence_gain for r in rows)
+    return [
+        Ranked(
+            wording.explanation_title(r),
+            tuple(', '.join(f'{p.name} {p.size}' for p in wording.effect_words(e).parameters) for e in r.effects),
+            wording.plain(r.log_evidence_gain, 3),
+            'best' if r.log_evidence_gain == best else f'{wording.odds(best - r.log_evidence_gain)} probable',
+            100.0 * max(0.0, r.log_evidence_gain) / best if best > 0.0 else 0.0,
+            r is diagnosis.explanation,
+        )
+        for r in rows
+    ]
+
+
+def _deciding(diagnosis: Diagnosis) -> list[Deciding]:
+    return [
+        Deciding(
+            m.sentence,
+            wording.plain(m.separation, 2),
+            100.0 * min(m.separation / _FULL_BAR, 1.0),
+            wording.capital(wording.ruled_out(m, diagnosis)),
+            m.decides > 0,
+        )
+        for m in diagnosis.measurements
+        if m.separation >= wording.TELLING
+    ]
+
+
+def _cells(separability: Separability) -> list[tuple[str, list[Cell]]]:
+    rows = []
+    for i, name in enumerate(separability.names):
+        cells = []
+        for j, distance in enumerate(map(float, separability.distance[i])):
+            if i == j:
+                cells.append(Cell('–', 'self'))
+            elif math.isnan(distance):
+                cells.append(Cell('', ''))
+            else:
+                text = '∞' if math.isinf(distance) else wording.plain(distance, 2)
+                cells.append(Cell(text, 'near' if distance < SEPARABLE else 'far'))
+        rows.append((name, cells))
+    return rows
+
+
+def _entries(effects: Sequence[FoundEffect]) -> str:
+    """Return the lines of a scenario that switch the effects on."""
+    entries = []
+    for found in effects:
+        entry: dict = {'effect': found.effect} | ({'station': found.station} if found.station else {})
+        for name, estimate in found.parameters.items():
+            base = wording.parameter_name(name)
+            value = _digits(estimate.value, estimate.std)
+            if base == name:
+                entry[name] = value
+            else:
+                entry.setdefault(base, []).append(value)
+        entries.append(entry)
+    return yaml.safe_dump({'effects': entries}, sort_keys=False, default_flow_style=None, width=100)
+
+
+def _digits(value: float, std: float) -> float:
+    """Return the value to a thousandth of its standard deviation."""
+    if not (math.isfinite(std) and std > 0.0):
+        return float(value)
+    return float(f'{round(value, 3 - math.floor(math.log10(std))):.12g}')

@@ -1,0 +1,141 @@
+"""Which measurement would decide between explanations that fit a recording alike.
+
+Each hypothetical measurement is simulated under every explanation with the registry's forward models: instruments read
+the state that an effect prepares, further sweeps are synthesised and compared as a recording is. What counts is the
+squared distance between chosen and rival explanation over recording and measurement together, after the rival's
+parameters have been fitted again (linearly, about its fit), less that over the recording alone. A rival that can follow
+is not separated.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from drfmcw_physics.settings import declared_parameters
+from drfmcw_sim.effects import Effect
+
+from ..finding.result import NextMeasurement
+from ..search.fitting import Fitted, Fitting
+from .further_sweeps import Baseline, Between, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
+from .instruments import (
+    DrivePast,
+    Effects,
+    FrequencyCounter,
+    Measurement,
+    PhaseNoiseMeter,
+    SecondInstrument,
+    TerminatedAntenna,
+)
+
+_PLACES = 5  # distances of further sweeps, at most
+_PREDICTED = 60  # predictions of each measurement that the time allows
+_DISTORTING = 8  # times as long as others takes the prediction of an effect that distorts the IF
+
+
+def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
+    """Yield all measurements that are simulated."""
+    yield from (FrequencyCounter('alpha'), FrequencyCounter('sample_clock'))
+    yield from (FrequencyCounter('alpha', warmer=15.0), FrequencyCounter('alpha', later=3600.0))
+    yield from (PhaseNoiseMeter(), TerminatedAntenna(), SecondInstrument(), DrivePast())
+    yield from (Baseline(5.0), Baseline(15.0), OtherStartDelay(), FurtherAway(), Between(), MoreSweeps())
+    yield Repeated('when air and boards are 15 K warmer', board=15.0, air=15.0)
+    for station in stations:
+        alone = ', the other one not' if len(stations) > 1 else ''
+        yield Repeated(f'with the board of {station} heated by 15 K{alone}', board=15.0, station=station)
+    yield Repeated('an hour later at the same temperatures, the power left on', later=3600.0)
+    yield Repeated('with attenuators of 10 dB before the receivers', attenuation=10.0)
+    yield Repeated('with the crane braked, in calm air', still=True)
+    yield from map(Exchanged, stations)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Prediction:
+    """What one explanation predicts, in standard deviations."""
+
+    value: np.ndarray  # (n,)
+    slope: np.ndarray  # (n, parameters) by each parameter
+
+    def weighted(self, weight: np.ndarray) -> '_Prediction':
+        """Return the same with every number weighted."""
+        return _Prediction(self.value * weight, self.slope * weight[:, None])
+
+
+def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Prediction:
+    """Return what is shown under an explanation, and its derivatives by all of its fitted parameters."""
+    value = show(tuple(e.build() for e in fitted.effects))
+    slopes = []
+    for number, effect in enumerate(fitted.effects):
+        for name in effect.candidate.free:
+            declared = declared_parameters(Effect.registry[effect.candidate.effect])[name.partition('[')[0]][1]
+            step = effect.candidate.recipe.step(name, effect.values[name])
+            if declared.bounds and effect.values[name] + step > declared.bounds[1]:
+                step = -step
+            moved = effect.candidate.build(effect.values | {name: effect.values[name] + step})
+            effects = tuple(moved if i == number else e.build() for i, e in enumerate(fitted.effects))
+            slopes.append((show(effects) - value) / step)
+    return _Prediction(value, np.stack(slopes, axis=1))
+
+
+def _condensed(chosen: _Prediction, rival: _Prediction) -> np.ndarray:
+    """Return the rival's slopes and the difference to be explained as columns of few rows, with the same products."""
+    return np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r')
+
+
+def _misfit(condensed: np.ndarray) -> float:
+    """Return the smallest sum of squares of the difference that the rival's parameters leave."""
+    slope, difference = condensed[:, :-1], condensed[:, -1]
+    size = np.linalg.norm(slope, axis=0)
+    scaled = slope[:, size > 0.0] / size[size > 0.0]
+    if not scaled.shape[1]:
+        return float(difference @ difference)
+    left = difference - scaled @ np.linalg.lstsq(scaled, difference, rcond=1e-9)[0]
+    return float(left @ left)
+
+
+def ranked(
+    fitting: Fitting,
+    chosen: Fitted,
+    rivals: Sequence[Fitted],
+    candidates: Sequence[Measurement] | None = None,
+) -> tuple[NextMeasurement, ...]:
+    """Return what each measurement would decide, the most decisive first.
+
+    Args:
+        fitting: of the recording, which says how far the forward models are trusted.
+        chosen: explanation that is taken for true.
+        rivals: those to be ruled out.
+        candidates: measurements to simulate, None for all.
+    """
+    comparison = fitting.comparison
+    explanations = [chosen, *rivals]
+    recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
+    alone = [_condensed(recorded[0], r) for r in recorded[1:]]
+    places = int(np.clip(_PREDICTED / sum(map(_cost, explanations)), 2, _PLACES))
+    names = {e.candidate.effect for f in explanations for e in f.effects}
+    found = []
+    for measurement in candidates or measurements(comparison.data.stations):
+        view = None if measurement.untellable & names else measurement.view(comparison, places)
+        if view is None:
+            continue
+        shown = [_predicted(f, view.show) for f in explanations]
+        if view.comparison is not None:
+            shown = _trusted(shown, Fitting(view.comparison), chosen)
+        both = [np.concatenate([r, _condensed(shown[0], s)]) for r, s in zip(alone, shown[1:], strict=True)]
+        gains = [max(_misfit(b) - _misfit(r), 0.0) for r, b in zip(alone, both, strict=True)]
+        found.append(NextMeasurement(measurement.sentence, tuple(map(math.sqrt, gains))))
+    return tuple(sorted(found, key=lambda m: (-m.decides, -round(m.separation, 3))))
+
+
+def _cost(fitted: Fitted) -> int:
+    """Return the effort of predicting an explanation and its derivatives at one place."""
+    predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
+    distorting = any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects)
+    return predictions * (_DISTORTING if distorting else 1)
+
+
+def _trusted(shown: list[_Prediction], fitting: Fitting, chosen: Fitted) -> list[_Prediction]:
+    """Return predictions weighted by how far the forward models are trusted."""
+    doubt = fitting.doubt(dataclasses.replace(chosen, template=shown[0].value))
+    return [p.weighted(1.0 / np.sqrt(1.0 + doubt**2)) for p in shown]

@@ -1,0 +1,297 @@
+"""Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from drfmcw_physics.settings import declared_parameters
+from drfmcw_sim.effects import Effect
+
+from ..compare.comparison import Comparison
+from ..features.extractor import gaussian
+from .bank import Candidate
+
+_FLAT = 1e-30  # curvature of a misfit that a parameter does not change
+_STEPS = 12  # of Levenberg and Marquardt's method
+_LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
+_CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
+_HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
+_HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
+_COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
+_PILED_TRUST = 0.05  # of samples at a limit, which follow amplitudes that scatter from sweep to sweep
+_CLOCK_DOUBT = 0.05  # of the coherence for each ppm by which ADC clocks run apart: noise is compared sample by sample
+_FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
+_FLUTTER_WIDTH = 5  # terms over which it may be displaced
+_BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
+_BURSTS_REST = 1.0  # standard deviations of the noise that bursts may leave
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedEffect:
+    """One effect with fitted parameters."""
+
+    candidate: Candidate
+    values: dict[str, float]
+    stds: dict[str, float]
+    told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    """Value and standard deviation of a parameter that the best fit alone would tell wrongly, see `Search.settled`."""
+
+    size_std: float = 0.0
+    """Standard deviation of the size with all else as it is: a shape may be told badly, and the size with it."""
+
+    @property
+    def certain(self) -> bool:
+        """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
+        recipe = self.candidate.recipe
+        told = all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in recipe.defining)
+        if not recipe.size or recipe.decibel or recipe.per_group:
+            return told
+        return told and abs(self.values[recipe.size]) > _CERTAIN * self.size_std
+
+    def build(self) -> Effect:
+        """Return the effect."""
+        return self.candidate.build(self.values)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What it is, apart from its size."""
+        return self.candidate.effect, self.candidate.station
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """Effects fitted together."""
+
+    effects: tuple[FittedEffect, ...]
+    misfit: float  # sum of squared whitened residuals
+    template: np.ndarray  # what they add, whitened
+    evidence: float  # log evidence over no effect at all
+
+    def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
+        """Return the same with what `Search.settled` says of the first effects."""
+        pairs = itertools.zip_longest(self.effects, told, fillvalue={})
+        return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
+
+    @property
+    def certain(self) -> bool:
+        """False where one of the effects may as well be absent or another one."""
+        return all(e.certain for e in self.effects)
+
+    @property
+    def keys(self) -> tuple[tuple[str, str], ...]:
+        """What the effects are, apart from their sizes, in order."""
+        return tuple(sorted(e.key for e in self.effects))
+
+    @property
+    def free(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the parameters that are fitted, in order: one kind of effect may have several sets."""
+        return tuple(sorted(e.candidate.free for e in self.effects))
+
+
+def _as_it_is(values: np.ndarray) -> np.ndarray:
+    return values
+
+
+def scaled_inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the inverse of a normal matrix (P, P), whatever the units of its parameters.
+
+    What it tells nothing of stays zero.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+
+class Freedom:
+    """What the parameters of an explanation can follow to first order."""
+
+    def __init__(self, slopes: np.ndarray) -> None:
+        """Take the whitened derivatives of a template by its parameters (P, n)."""
+        self._slopes = slopes
+        self._inverse = scaled_inverse(slopes @ slopes.T)
+
+    def left(self, values: np.ndarray) -> np.ndarray:
+        """Return what they cannot follow of whitened values (..., n)."""
+        return values - (values @ self._slopes.T) @ self._inverse @ self._slopes
+
+    def followed(self, values: np.ndarray) -> np.ndarray:
+        """Return the squared length of what they follow of whitened values (..., n)."""
+        along = values @ self._slopes.T
+        return np.einsum('...p,pq,...q->...', along, self._inverse, along)
+
+
+class Fitting:
+    """Fits the parameters of effects to one comparison."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        """Start with forward models that are trusted without limit."""
+        self.comparison = comparison
+        self._weight = np.ones(len(comparison.residual))
+
+    def _template(self, effects: Sequence[Effect]) -> np.ndarray:
+        return self.comparison.template(effects)
+
+    def fit(
+        self,
+        start: Sequence[tuple[Candidate, dict[str, float]]],
+        steps: int = _STEPS,
+        beside: np.ndarray | float = 0.0,
+        freedom: 'Freedom | None' = None,
+    ) -> Fitted:
+        """Fit the parameters of effects together.
+
+        Args:
+            start: effects with the values at which the fit begins.
+            steps: at most, of Levenberg and Marquardt's method.
+            beside: template of other effects that stay as they are; the result's template contains it.
+            freedom: of these others, which may follow to first order; the result's misfit is then that without it.
+        """
+        left = freedom.left if freedom is not None else _as_it_is
+        chosen = [c for c, _ in start]
+        names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
+        point = np.array([start[i][1][name] for i, name in names], float)
+        limits = [self.bounds(chosen[i].effect, name) for i, name in names]
+        prior = np.array([chosen[i].prior(name) for i, name in names])
+        y = self.comparison.residual
+
+        def effects_at(p: np.ndarray) -> list[Effect]:
+            values = [dict(v) for _, v in start]
+            for (i, name), value, (low, high) in zip(names, p, limits, strict=True):
+                values[i][name] = float(min(max(value, low), high))
+            return [c.build(v) for c, v in zip(chosen, values, strict=True)]
+
+        template = beside + self._template(effects_at(point))
+        weight = self._weight_of(chosen, template)
+
+        def misfit_of(other: np.ndarray) -> float:
+            return float(np.sum(left((y - other) * weight) ** 2))
+
+        misfit = misfit_of(template)
+        damping = 1e-3
+        normal = np.eye(len(point))
+        for _ in range(steps):
+            slope = np.empty((len(point), len(y)))
+            for k, (i, name) in enumerate(names):
+                moved = point.copy()
+                moved[k] += self._step(chosen[i], name, point[k])
+                change = beside + self._template(effects_at(moved)) - template
+                slope[k] = left(change / (moved[k] - point[k]) * weight)
+            normal = slope @ slope.T
+            gradient = slope @ ((y - template) * weight)
+            improved = False
+            for _ in range(6):
+                matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
+                trial = point + scaled_inverse(matrix) @ gradient
+                trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
+                other = beside + self._template(effects_at(trial))
+                value = misfit_of(other)
+                if value < misfit:
+                    improved = True
+                    break
+                damping = max(damping, 1e-6) * 10.0
+            if not improved:
+                break
+            gain, misfit, point, template = misfit - value, value, trial, other
+            damping *= 0.2
+            if gain < max(0.01, 1e-6 * misfit):
+                break
+        covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        fitted = []
+        for number, candidate in enumerate(chosen):
+            mine = [k for k, (i, _) in enumerate(names) if i == number]
+            values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
+            curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
+            size_std = 1.0 / math.sqrt(max(*curvature, _FLAT)) if curvature else 0.0
+            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}, {}, size_std))
+        occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
+        if freedom is None:
+            misfit = self.misfit(template)
+        evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
+        return Fitted(tuple(fitted), misfit, template, evidence)
+
+    def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
+        """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
+        if not any(Effect.registry[c.effect].bursts() for c in chosen):
+            return self._weight
+        doubt = np.where(self.comparison.entries.where(kind=('burst', 'noise')), _BURSTS_TRUST * np.abs(template), 0.0)
+        return self._weight / np.sqrt(1.0 + doubt**2)
+
+    def _step(self, candidate: Candidate, name: str, value: float) -> float:
+        """Return the step of a numerical derivative, away from the upper bound."""
+        step = candidate.recipe.step(name, value)
+        return -step if value + step > self.bounds(candidate.effect, name)[1] else step
+
+    def bounds(self, effect: str, name: str) -> tuple[float, float]:
+        """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
+        base = name.partition('[')[0]
+        _, declared = declared_parameters(Effect.registry[effect])[base]
+        low, high = declared.bounds or (-math.inf, math.inf)
+        if base == 'time_constant':  # what takes much longer than the recording is an offset or a steady drift
+            high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
+        return low, high
+
+    def misfit(self, template: np.ndarray | float) -> float:
+        """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
+        return float(np.sum(((self.comparison.residual - template) * self._weight) ** 2))
+
+    def trust(self, fitted: 'Fitted | None') -> None:
+        """Trust the forward models to a fraction of what they add: differences below it count as noise."""
+        self._weight = 1.0 / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+
+    def doubt(self, fitted: 'Fitted | None') -> np.ndarray:
+        """Return how far each whitened number may be off because the forward models are not exact."""
+        entries = self.comparison.entries
+        if fitted is None:
+            return np.zeros(len(entries.kind))
+        lines, size = entries.where(kind='lines'), np.abs(fitted.template)
+        trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
+        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
+        clocks = [e.values['deviation'] for e in fitted.effects if e.candidate.effect == 'sample_clock_offset']
+        size[entries.where(kind='coherence')] += _CLOCK_DOUBT / self.comparison.known.trust * sum(map(abs, clocks))
+        flutter = entries.where(kind='flutter')
+        size[flutter], trust[flutter] = self._changing(fitted), _FLUTTER_TRUST
+        if any(e.distorts() for e in registered):
+            # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
+            bins = self.comparison.measured.lines.shape[-1]
+            size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
+            trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
+            trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
+            trust[entries.where(kind='piled')] = _PILED_TRUST
+            # the stronger sweeps are distorted more, so harmonics come and go as bursts do
+            size[entries.where(kind='burst', station=self._distorted(fitted))] = np.inf
+        if any(e.bursts() for e in registered):
+            trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
+            # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
+            return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
+        return trust * size
+
+    def _distorted(self, fitted: Fitted) -> list[int]:
+        """Return the numbers of the receivers that an explanation distorts."""
+        receivers = self.comparison.receivers
+        distorting = [e.key for e in fitted.effects if Effect.registry[e.candidate.effect].distorts()]
+        return [i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting)]
+
+    def _changing(self, fitted: Fitted) -> np.ndarray:
+        """Return how far flutter may be off, as an explanation makes the ramp change with the phase of each sweep."""
+        c = self.comparison
+        if any(e.distorts() or e.bursts() for e in (Effect.registry[f.candidate.effect] for f in fitted.effects)):
+            return np.full(c.measured.flutter.size, np.inf)
+        count = np.maximum((np.array([len(m) for m in c.members])[:, None, None] - 1) / 2, 0.5)
+        ratio = 1.0 + maximum_filter1d(c.changing([e.build() for e in fitted.effects]), _FLUTTER_WIDTH, axis=-1)
+        return (gaussian(ratio, count) - gaussian(np.ones(1), count)).ravel()
+
+    def slopes(self, fitted: Fitted) -> np.ndarray:
+        """Return by how much each parameter of an explanation changes its template (parameters, n)."""
+        effects = list(fitted.effects)
+        found = []
+        for number, effect in enumerate(effects):
+            for name in effect.candidate.free:
+                step = self._step(effect.candidate, name, effect.values[name])
+                moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
+                others = [moved if i == number else e for i, e in enumerate(effects)]
+                found.append((self._template([e.build() for e in others]) - fitted.template) / step)
+        return np.array(found)

@@ -1,0 +1,163 @@
+"""Effects outside the interface's registry."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from ..generator.model import Scene, Stage
+from .kinds import KINDS, Parameters, Size, deviate, kind, linear
+
+_FAN, _DITHER = 3, 4  # streams of random numbers, as the registered effects have theirs
+
+
+def _outside(name: str, of: str, units: Mapping[str, str], size: Size) -> Callable[[Any], Any]:
+    return kind(name, of, units, size, registered=False)
+
+
+@_outside('stuck_bit', 'station', {'bit': '1', 'value': '1'}, Size('bit', lambda s: float(round(s)), 3.0, 1.0, 12.0))
+def _stuck_bit(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    mask = np.int16(1 << int(p['bit']))
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
+        return codes | mask if p['value'] else codes & ~mask
+
+    for s in stations:
+        scene.digital[s].append(hook)
+
+
+@_outside('missing_codes', 'station', {'width': 'LSB'}, Size('width', lambda s: float(round(s)), 16.0, 3.0, 4000.0))
+def _missing_codes(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The lower half of every `width` codes around zero and upwards is never given: what falls there is raised."""
+    width = int(p['width'])
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
+        place = np.mod(codes, 2 * width)
+        return np.where(place < width, codes + (width - place), codes).astype(np.int16)
+
+    for s in stations:
+        scene.digital[s].append(hook)
+
+
+@_outside('gain_step', 'station', {'step': 'dB', 'time': 's'}, linear('step', 0.02, 20.0))
+def _gain_step(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The IF amplifier's gain changes at a time within the sweep."""
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        u = scene.step(station)[rows, None] * np.arange(x.shape[1])
+        return (x * 10.0 ** (p['step'] / 20.0 * (u >= p['time']))).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
+@_outside('phase_jump', 'station', {'angle': 'rad', 'time': 's'}, linear('angle', 0.003, 3.0))
+def _phase_jump(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The synthesiser restarts its accumulator within the ramp."""
+    for s in stations:
+        scene.chirp[s].append(lambda t: p['angle'] / (2.0 * math.pi) * (t >= p['time']))
+
+
+@_outside('frequency_step', 'station', {'step': 'ppm', 'temperature': 'degC'}, linear('step', 0.05, 100.0))
+def _frequency_step(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The reference jumps where its board is warmer than a temperature (an activity dip of the crystal)."""
+    for s in stations:
+        deviate(scene, s, p['step'] * (scene.board[s] >= p['temperature']))
+
+
+@_outside(
+    'fan_modulation', 'station', {'depth': '1', 'rate': 'Hz', 'duty': '1'}, Size('depth', lambda s: s, 3e-3, 1e-7, 0.9)
+)
+def _fan_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """A fan's blades, or a pulsed supply, take a share of the amplitude in pulses of their own phase."""
+    number = len(scene.own_phases)
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        start = scene.own_phase(_FAN, number, station, rows)
+        turn = p['rate'] * scene.step(station)[rows, None] * np.arange(x.shape[1]) + start[:, None]
+        return (x * (1.0 - p['depth'] * (np.mod(turn, 1.0) < p['duty']))).astype(x.dtype)
+
+    for s in stations:
+        scene.own_phases.append((_FAN, number, s))
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
+@_outside('second_harmonic', 'station', {'second_order': '1'}, linear('second_order', 0.003, 20.0))
+def _second_harmonic(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The mixer's even-order product: c x^2, x = 1 at full scale, its constant blocked by the coupling capacitor."""
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        square = x * x
+        square -= square.mean(axis=1, keepdims=True)
+        return (x + p['second_order'] / scene.condition.full_scale * square).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
+@_outside('delay_hysteresis', 'station', {'slope': 'ps/K', 'time_constant': 's'}, linear('slope', 3.0, 1e4))
+def _delay_hysteresis(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The delay follows the change of the board's temperature and creeps back: a high-pass over time."""
+    for s in stations:
+        creep, last, lag = np.zeros(len(scene)), scene.board[s, 0], 0.0
+        for i in range(len(scene)):
+            passed = scene.time[i] - scene.time[max(i - 1, 0)]
+            lag = lag * math.exp(-passed / p['time_constant']) + (scene.board[s, i] - last)
+            last, creep[i] = scene.board[s, i], lag
+        scene.delay = scene.delay + 1e-12 * p['slope'] * creep
+
+
+@_outside('adc_dither', 'station', {'amplitude': 'LSB', 'period': 'samples'}, linear('amplitude', 0.3, 2000.0))
+def _adc_dither(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """Triangular dither of the converter that nobody subtracts, its start anywhere."""
+    number = len(scene.own_phases)
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        start = scene.own_phase(_DITHER, number, station, rows)
+        turn = np.mod(np.arange(x.shape[1]) / p['period'] + start[:, None], 1.0)
+        return (x + p['amplitude'] * (4.0 * np.abs(turn - 0.5) - 1.0)).astype(x.dtype)
+
+    for s in stations:
+        scene.own_phases.append((_DITHER, number, s))
+        scene.analogue[s].append((Stage.LIMITER, hook))
+
+
+@_outside('dropped_samples', 'station', {'count': '1', 'time': 's'}, Size('count', lambda s: float(round(s)), 1, 1, 64))
+def _dropped_samples(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The interface to the converter loses samples at a place; what follows moves up and the last one is repeated."""
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
+        place, count = int(p['time'] * scene.condition.sample_rate), int(p['count'])
+        kept = np.arange(codes.shape[1])
+        kept = np.minimum(np.where(kept < place, kept, kept + count), codes.shape[1] - 1)
+        return codes[:, kept]
+
+    for s in stations:
+        scene.digital[s].append(hook)
+
+
+@_outside('frequency_glitch', 'station', {'peak': 'Hz', 'time': 's', 'width': 's'}, linear('peak', 300.0, 1e8))
+def _frequency_glitch(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The synthesiser crosses an integer boundary: a Gaussian excursion of its frequency within the ramp."""
+    scale = p['width'] * math.sqrt(0.5 * math.pi)
+    for s in stations:
+        scene.chirp[s].append(
+            lambda t: p['peak'] * scale * (special.erf((t - p['time']) / (math.sqrt(2.0) * p['width'])))
+        )
+
+
+@_outside('interleaving', 'station', {'skew': 's', 'period': 'samples'}, linear('skew', 2e-9, 2e-7))
+def _interleaving(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """Interleaved converters of unequal timing: every `period`-th samples are taken late."""
+
+    def warp(scene: Scene, rows: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return u + p['skew'] * (np.arange(u.shape[1]) % int(p['period']) == 0)
+
+    for s in stations:
+        scene.warp[s].append(warp)
+
+
+OUTSIDE = tuple(sorted(name for name, kind_ in KINDS.items() if not kind_.registered))
+"""Names of effects that the interface does not know."""

@@ -1,0 +1,413 @@
+"""The report of a proof: figures beside goals, tables in Markdown, plots in PNG, every case that went wrong."""
+
+import collections
+import csv
+import dataclasses
+import io
+import itertools
+import math
+import textwrap
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import write_atomically
+
+from . import figures
+from .cases.plan import GROUPS
+from .figures import BINS, Record, by, is_null, is_right, nearest_to_truth, of, outcome, rate
+from .judging import OUTCOMES, SEPARABLE, TOLERATED_SHARE
+from .plots import PLOTS, draw
+
+_PLOTS = 'proof'  # folder beside the document
+_WRONG_SHAPES = ('corner', 'flank', 'bump', 'plateau')  # kinds of nulls
+_SMALL = 6.0  # d below which a miss is what theory expects, and listed in short
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """What was run."""
+
+    command: str
+    extent: str  # 'quick' or 'full'
+    seed: int
+    listed: int  # cases in the whole list
+    versions: Mapping[str, str]
+    quick_share: float
+    changed: bool = False  # whether the code was changed while it ran
+    times: int = 1  # as many cases of each kind as the full list has
+
+
+def write_report(folder: Path, run: Run, records: Sequence[Record]) -> None:
+    """Write folder/proof.md and its plots.
+
+    Raises:
+        ConfigurationError: the place cannot be written.
+    """
+    plots = folder / _PLOTS
+    try:
+        plots.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f'{plots}: {error.strerror}') from None
+    drawn = draw(records)
+    for name in PLOTS:
+        if name in drawn:
+            write_atomically(plots / f'{name}.png', drawn[name])
+        else:  # of another run
+            (plots / f'{name}.png').unlink(missing_ok=True)
+    write_atomically(plots / 'cases.csv', _csv(records))
+    write_atomically(folder / 'proof.md', document(run, records, drawn))
+
+
+def document(run: Run, records: Sequence[Record], drawn: Collection[str]) -> str:
+    """Return the report as Markdown, with the plots that are there."""
+    sections: list[tuple[str, str, tuple[tuple[str, str], ...]]] = [
+        ('Goals', _goals(records), ()),
+        ('By group', _groups(records), ()),
+        ('False alarms', _alarms(records), (('nulls', 'Significance of recordings that conceal nothing'),)),
+        ('Effects by size', _sizes(records),
+         (('power', 'Share detected against d'), ('identification', 'Named, given detection, against d'))),
+        ('Confusion', _CONFUSION, (('confusion', 'What was named for what was concealed'),)),
+        ('Parameters', _parameters(records), (('pulls', 'Pulls'),)),
+        ('Two effects', _rates_by(records, ('pair', 'strong_pair'), _PAIRS), ()),
+        ('Outside the registry', _rates_by(records, ('outside',), _OUTSIDE, _kind), ()),
+        ('Left out of the registry', _rates_by(records, ('left_out',), _LEFT_OUT, _kind), ()),
+        ('Decoys', _rates_by(records, ('decoy',), _DECOYS), ()),
+        ('Ambiguous by construction, and what decides', _ambiguous(records), ()),
+        ('Held-out sweeps', _held_out(records), ()),
+        ('Time', _time(records), ()),
+        ('Not right, one by one', _failures(records), ()),
+        ('All cases', f'With their seals: [cases.csv]({_PLOTS}/cases.csv).', ()),
+    ]  # fmt: skip
+    parts = ['# Proof of the diagnosis', _what(run, records)]
+    for title, text, plots in sections:
+        if text:
+            parts += [f'## {title}', text, *(f'![{words}]({_PLOTS}/{p}.png)' for p, words in plots if p in drawn)]
+    blocks = '\n\n'.join(parts).split('\n\n')
+    return '\n\n'.join(b if b[0] in '#|!' else _wrapped(b) for b in blocks) + '\n'
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
+
+
+def _what(run: Run, records: Sequence[Record]) -> str:
+    text = (
+        'Recordings by a generator that shares no forward code with simulator and diagnosis '
+        '(`drfmcw_proof`). The truth of each is sealed and its '
+        'SHA-256 announced before the diagnosis starts, in a process of its own that is given nothing but the '
+        "recording's path (and, where effects are left out of the search, `--without`); the seal is opened after.\n\n"
+        '| | |\n|---|---|\n'
+        f'| command | `{run.command}` |\n| list | {_list(run)}, {run.listed} cases |\n| cases run | {len(records)} |\n'
+        f'| seed | {run.seed} |\n| code | '
+        + ', '.join(f'{name} {version}' for name, version in run.versions.items())
+        + ' |'
+    )
+    if run.changed:
+        text += '\n\n**The code was changed while this ran**: cases were diagnosed by different versions.'
+    if run.extent == 'quick':
+        text += (
+            '\n\n**This is a quick run, of small recordings (14 x 8 sweep pairs). The full proof (`./drfmcw prove`) '
+            'has not been made.** So few cases show that the chain works and where it fails; they measure no rate. '
+            f'`./drfmcw prove --quick` ends with status 1 where fewer than {run.quick_share:.0%} are right.'
+        )
+    elif len(records) < run.listed:
+        text += (
+            f'\n\n**These are {len(records)} of the {run.listed} cases of the list ({_list(run)}), '
+            f'{len(records) / run.listed:.1%}; the others have not been made**; the intervals tell how little so few '
+            'cases measure. Which cases are run first is decided by the seed: groups take turns, and in each group the '
+            'effects.'
+        )
+    else:
+        text += f'\n\nThese are all {run.listed} cases of the list ({_list(run)}).'
+    return text
+
+
+def _list(run: Run) -> str:
+    return run.extent if run.times == 1 else f'{run.times} times the {run.extent} one'
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ['| ' + ' | '.join(head) + ' |', '|' + '---|' * len(head)]
+    return '\n'.join([*lines, *('| ' + ' | '.join(c.replace('|', '/') for c in row) + ' |' for row in rows)])
+
+
+def _goals(records: Sequence[Record]) -> str:
+    head = ('what', 'goal', 'measured', '95 % interval', 'met')
+    return (
+        _table(head, (goal.row for goal in figures.goals(records)))
+        + '\n\nmet: yes or no where the whole interval lies on that side of the goal, open where more cases are needed.'
+    )
+
+
+def _groups(records: Sequence[Record]) -> str:
+    rows = []
+    for group in (*GROUPS, 'all'):
+        own = [r for r in records if group in (r['group'], 'all')]
+        if own:
+            counts = collections.Counter(map(outcome, own))
+            right = str(rate(figures.judged(own), is_right)).partition(': ')[2]
+            rows.append((group, str(len(own)), *(str(counts[o]) for o in OUTCOMES), right))
+    text = _table(('group', 'n', *OUTCOMES, 'share right (95 % interval)'), rows)
+    return text + (
+        '\n\nright: verdict, every effect and its station, or ambiguous among what the data cannot tell apart; '
+        'undecided: called ambiguous, the truth among the explanations, where one recording tells; unnamed: an effect '
+        'of the registry called unexplained; imitated: what the registry lacks was explained by effects of it whose '
+        'data cannot be told from the truth, so that nobody could have called it unexplained (neither right nor '
+        'wrong, and left out of the share right); wrong: a name that is not the truth, or a mismatch where there is '
+        'none; missed: a mismatch called consistent; failed: no finding. What the data tell apart is decided by the '
+        f'generator: explanations whose recordings differ by at least {SEPARABLE:g} sigma.'
+    )
+
+
+def _alarms(records: Sequence[Record]) -> str:
+    nulls = [r for r in records if is_null(r)]
+    if not nulls:
+        return ''
+
+    def is_alarm(record: Record) -> bool:
+        return not is_right(record)
+
+    own = of(records, 'null')
+    shapes = [r for r in own if r['kind'] in _WRONG_SHAPES]
+    rows = [
+        (f'{group}: {kind}', cases) for (group, kind), cases in by(nulls, lambda r: (r['group'], r['kind'])).items()
+    ]
+    rows += [('**wrong noise shapes together**', shapes)] * bool(shapes) + [('**all of group null**', own)] * bool(own)
+    cells = [(name, str(rate(cases, is_alarm)), str(rate(cases, figures.detected))) for name, cases in rows]
+    return _table(('recordings without an effect', 'false alarms', 'any mismatch'), cells) + (
+        '\n\nA wrong noise shape, outliers and drift are mismatches themselves: naming or locating just them is no '
+        f'false alarm, if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess. Significances '
+        'of recordings with the right noise should follow the straight line: above it alarms come too often, below it '
+        'too rarely. The others do hold something significant.'
+    )
+
+
+def _sizes(records: Sequence[Record]) -> str:
+    singles = of(records, 'single', 'strong')
+    if not singles:
+        return ''
+    edges = list(itertools.pairwise(BINS))
+
+    def column(record: Record) -> int:
+        return next(i for i, (low, high) in enumerate(edges) if low <= figures.size(record) < high)
+
+    def head(index: int) -> str:
+        low, high = edges[index]
+        return f'd {low:g} to {high:g}' if math.isfinite(high) else f'd from {low:g}'
+
+    used = sorted({column(r) for r in singles})
+
+    def cells(own: Sequence[Record], is_so: Callable[[Record], bool]) -> list[str]:
+        columns = by(own, column)
+        found = (rate(columns.get(c, []), is_so) for c in used)
+        return [f'{r.successes} of {r.count}' if r.count else '' for r in found]
+
+    rows = [(kind, *cells(own, is_right)) for kind, own in by(singles, lambda r: r['kind']).items()]
+    rows.append(('**all: right**', *cells(singles, is_right)))
+    rows.append(('**all: detected**', *cells(singles, figures.detected)))
+    return 'd is the matched signal-to-noise of what is concealed. Cells: right of those run.\n\n' + _table(
+        ('effect', *map(head, used)), rows
+    )
+
+
+_CONFUSION = 'Rows: what was concealed. Columns: the explanation that the finding puts first.'
+
+
+def _parameters(records: Sequence[Record]) -> str:
+    pulls = figures.pulls(records)
+    if not pulls:
+        return 'No effect was named rightly, so that there is nothing to compare.'
+    by_name = collections.defaultdict(list)
+    for p in pulls:
+        by_name[p['effect'], p['parameter']].append(p['pull'])
+    rows = []
+    for (effect, parameter), values in sorted(by_name.items()):
+        spread = f'{np.std(values, ddof=1):.2f}' if len(values) > 2 else ''
+        inside = f'{sum(abs(v) < 3.0 for v in values)} of {len(values)}'
+        rows.append((effect, parameter, f'{np.mean(values):+.2f}', spread, inside))
+    every = np.abs([p['pull'] for p in pulls])
+    coverage = [
+        (f'{k:g}', f'{1.0 - 2.0 * stats.norm.sf(k):.1%}', str(figures.Rate(int(np.sum(every < k)), len(every))))
+        for k in (1.0, 2.0, 3.0)
+    ]
+    return (
+        'Pull: error in stated standard deviations, where the explanation put first is the truth; without phases.\n\n'
+        + _table(('effect', 'parameter', 'mean pull', 'std of pull', 'within 3'), rows)
+        + f'\n\nAll {len(every)}: root mean square {math.sqrt(np.mean(every**2)):.2f}, 1.48 times the median '
+        f'of the magnitudes {1.4826 * float(np.median(every)):.2f} (1 if the stated deviations are true).\n\n'
+        + _table(('within so many stated deviations', 'of normal errors', 'of these'), coverage)
+    )
+
+
+_PAIRS = (
+    'Cells: both named with their stations, or ambiguous among what the data cannot tell apart. d of the smaller one.'
+)
+_IMITATED = (
+    f' Imitated: all explanations named are effects of the registry that change the data as the truth does within '
+    f'{SEPARABLE:g} sigma, so that nobody could say "unexplained"; such cases are left out of the rate.'
+)
+_OUTSIDE = 'Right is "unexplained": nothing in the registry does this.' + _IMITATED
+_LEFT_OUT = (
+    'Effects of the registry, while the tool is told to search without them. Right is "unexplained", or what changes '
+    'the data as they do.' + _IMITATED
+)
+_DECOYS = 'Conditions that look like a cause and are none; true causes beside innocent companions.'
+
+
+def _group(record: Record) -> str:
+    low, high = {'pair': (12, 25), 'strong_pair': (50, 500)}.get(record['group'], (0, 0))
+    return f'd {low} to {high}' if high else record['kind']
+
+
+def _kind(record: Record) -> str:
+    return record['kind']
+
+
+def _rates_by(
+    records: Sequence[Record],
+    groups: Sequence[str],
+    words: str,
+    key: Callable[[Record], str] = _group,
+) -> str:
+    own = of(records, *groups)
+    if not own:
+        return ''
+    rows = []
+    for name, cases in by(own, key).items():
+        d = [figures.size(r) for r in cases]
+        counts = collections.Counter(map(outcome, cases))
+        other = ', '.join(f'{counts[o]} {o}' for o in OUTCOMES[1:] if counts[o])
+        span = f'{min(d):.0f}' if max(d) - min(d) < 1.0 else f'{min(d):.0f} to {max(d):.0f}'
+        rows.append((name, span, str(rate(figures.judged(cases), is_right)), other))
+    return words + '\n\n' + _table(('what', 'd', 'right', 'else'), rows)
+
+
+def _ambiguous(records: Sequence[Record]) -> str:
+    following = {r['truth']['follows']: r for r in of(records, 'decided')}
+    rows = []
+    for record in of(records, 'ambiguous'):
+        after = following.get(record['name'])
+        follow_up = (f'{after["kind"]}: {_said(after)}', 'yes' if is_right(after) else 'no') if after else ('', '')
+        rows.append((record['name'], _concealed(record), _said(record), *_recommended(record), *follow_up))
+    if not rows:
+        return ''
+    head = ('recording', 'truth', 'finding', 'recommended', 'carried out', 'follow-up and its finding', 'decides')
+    return (
+        'The recommended measurement is carried out by the generator: by how much what it shows of the truth differs '
+        'from what it would show of each rival named. It decides from '
+        f'{SEPARABLE:g} sigma on. Each case is followed by a recording that must decide, with the same effects '
+        'concealed, under a fresh seal. A reference instrument that has been checked is known to be right: that '
+        'follow-up is searched without its effects, and holds nothing if the instrument was at fault.\n\n'
+        + _table(head, rows)
+    )
+
+
+def _recommended(record: Record) -> tuple[str, str]:
+    """Return what was recommended, and in words by how much it parts the truth from its rivals."""
+    measurement = (record['finding'] or {}).get('next_measurement')
+    if not measurement:
+        return '-', ''
+    parts = figures.parted(record)
+    if parts is None:
+        return measurement, 'not carried out'
+    told = sum(p >= SEPARABLE for p in parts)
+    return measurement, f'{told} of {len(parts)}, by {min(parts):.1f} sigma at least'
+
+
+def _held_out(records: Sequence[Record]) -> str:
+    misfits = figures.held_out(records)
+    if not misfits:
+        return ''
+    low, median, high = np.quantile(misfits, (0.05, 0.5, 0.95))
+    return (
+        f'Misfit per degree of freedom on sweeps that were not fitted, {len(misfits)} findings "explained": median '
+        f'{median:.3f}, from {low:.3f} to {high:.3f} in nine of ten, from {min(misfits):.3f} to {max(misfits):.3f} in '
+        'all. 1 where the model is right.'
+    )
+
+
+def _time(records: Sequence[Record]) -> str:
+    seconds = np.array([r['seconds'] for r in records])
+    return (
+        f'Of one diagnosis, the start of its process included: median {np.median(seconds):.1f} s, longest '
+        f'{seconds.max():.1f} s, with as many at once as the command says and whatever else the machine did.'
+    )
+
+
+def _said(record: Record) -> str:
+    if record['finding'] is None:
+        return 'nothing: ' + record['judgement']['reason']
+    named = record['judgement']['named']
+    if not named:
+        levels = ', '.join(
+            f'{x["level"]} {x["station"] or ""} {x["share"]:.0%}'.replace('  ', ' ')
+            for x in record['finding']['locations'][:3]
+        )
+        return record['finding']['verdict'] + (f' ({levels})' if levels else '')
+    more = f' and {len(named) - 4} more' if len(named) > 4 else ''
+    return f'{record["finding"]["verdict"]}: ' + '; or '.join(named[:4]) + more
+
+
+def _concealed(record: Record) -> str:
+    def parameter(name: str, value: Any, unit: str) -> str:
+        if not isinstance(value, int | float):
+            return f'{name} per setting'
+        return f'{name} {value:.4g}' + (f' {unit}' if unit != '1' else '')
+
+    def parameters(effect: Mapping[str, Any]) -> str:
+        return ', '.join(parameter(n, v, effect['units'].get(n, '1')) for n, v in effect['parameters'].items())
+
+    if is_null(record):
+        return f'nothing ({record["kind"]})'
+    text = ' + '.join(
+        e['effect'] + (f' ({e["station"]})' if e['station'] else '') + f' [{parameters(e)}; d {e["d"]["total"]:.1f}]'
+        for e in record['truth']['effects']
+    )
+    return text + ''.join(f', searched without {name}' for name in record['truth']['without'])
+
+
+def _failures(records: Sequence[Record]) -> str:
+    bad = [r for r in records if not is_right(r)]
+    if not bad:
+        return 'None.'
+    small = [r for r in bad if outcome(r) == 'missed' and figures.size(r) < _SMALL]
+    listed = [r for r in bad if r not in small]
+    rows = [
+        (r['name'], _concealed(r), _said(r), f'{outcome(r)}: {r["judgement"]["reason"]}{nearest_to_truth(r)}')
+        for r in listed
+    ]
+    text = _table(('recording', 'truth', 'finding', 'judgement'), rows) if rows else ''
+    if small:
+        short = ', '.join(f'{r["name"]} ({r["judgement"]["truth"]}, d {figures.size(r):.1f})' for r in small)
+        text += f'\n\nMissed at d below {_SMALL:g}, where a matched filter finds few or not all: {short}.'
+    return text.strip()
+
+
+def _csv(records: Sequence[Record]) -> str:
+    """Return every case as a line."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    head = (
+        'recording',
+        'group',
+        'kind',
+        'sha256',
+        'concealed',
+        'finding',
+        'outcome',
+        'reason',
+        'significance',
+        'time_s',
+    )
+    writer.writerow(head)
+    for r in records:
+        judged = r['judgement']
+        significance = f'{r["finding"]["significance"]:.3g}' if r['finding'] else ''
+        row = (r['name'], r['group'], r['kind'], r['sha256'], _concealed(r), _said(r), judged['outcome'])
+        writer.writerow((*row, judged['reason'], significance, f'{r["seconds"]:.1f}'))
+    return text.getvalue()

@@ -1,0 +1,26 @@
+"""Installs drfmcw_proof where ROS 2 looks for it."""
+
+from setuptools import find_packages, setup
+
+NAME = 'drfmcw_proof'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    maintainer='drfmcw maintainers',
+    maintainer_email='drfmcw@example.com',
+    description='Proves the diagnosis on recordings with concealed effects',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'prove = drfmcw_proof.prove:main',
+        ],
+    },
+)

@@ -1,0 +1,139 @@
+"""`record`: write the running graph's topics into a rosbag2 recording."""
+
+import argparse
+import collections
+import dataclasses
+import fnmatch
+import functools
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.node import Node
+
+from drfmcw_physics.settings import ConfigurationError
+
+from .. import qos
+from ..cli import Parser, guarded, split_ros_arguments
+from ..diagnostics import WARN, Diagnostics, Status
+from ..messages import message_class
+from ..runner import Finished, run
+from ..topics import is_latched, is_measured
+from .files import STORAGES, BagWriter, typestore
+
+_LOOK_PERIOD = 0.2  # how often new topics are looked for [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class RecorderSettings:
+    """What is recorded and for how long."""
+
+    patterns: tuple[str, ...] = ('*',)  # of topic names, as in a shell
+    measured_only: bool = False
+    duration: float = math.inf  # [s]
+    storage: str = 'mcap'
+    overwrite: bool = False
+
+
+class RecorderNode(Node):
+    """Subscribes to every topic of the graph that is wanted, as it appears, and writes what arrives unread."""
+
+    def __init__(self, path: str, settings: RecorderSettings, **kwargs: Any) -> None:
+        """Open the recording.
+
+        Raises:
+            BagError: the recording exists already, or its place cannot be written.
+        """
+        super().__init__('recorder', **kwargs)
+        self._settings = settings
+        self._writer = BagWriter(path, settings.storage, settings.overwrite)
+        self._counts: collections.Counter[str] = collections.Counter()
+        self._known: set[str] = set()
+        self._ignored: set[str] = set()
+        self._end = time.monotonic() + settings.duration
+        self._diagnostics = Diagnostics(self, 'recorder')
+        self._diagnostics.add('Recording', self._diagnose)
+        self._look()
+        self._timer = self.create_timer(_LOOK_PERIOD, self._look)
+
+    def _look(self) -> None:
+        if time.monotonic() >= self._end:
+            raise Finished
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic in self._known or topic in self._ignored:
+                continue
+            kind = kinds[0]
+            if not self._wanted(topic) or kind not in typestore().fielddefs:
+                self._ignored.add(topic)
+                continue
+            if not self.get_publishers_info_by_topic(topic):
+                continue  # a subscriber alone: wait for someone who publishes
+            self._known.add(topic)
+            self._writer.add_topic(topic, kind)
+            write = functools.partial(self._write, topic, kind)
+            profile = qos.latched_subscription(64) if is_latched(topic) else qos.DEEP
+            qos.subscription(self, message_class(kind), topic, write, profile, batch=True, raw=True)
+            self.get_logger().info(f'recording {topic}')
+
+    def _wanted(self, topic: str) -> bool:
+        if self._settings.measured_only and not is_measured(topic):
+            return False
+        return any(fnmatch.fnmatchcase(topic, pattern) for pattern in self._settings.patterns)
+
+    def _write(self, topic: str, kind: str, messages: list[bytes]) -> None:
+        now = time.time_ns()
+        for raw in messages:
+            self._writer.write(topic, kind, now, raw)
+        self._counts[topic] += len(messages)
+
+    def _diagnose(self, status: Status) -> None:
+        if not self._known:
+            status.report(WARN, 'nobody publishes what is to be recorded')
+        status.value('recording', self._writer.path)
+        for topic in sorted(self._known):
+            status.value(topic, self._counts[topic])
+
+    def destroy_node(self) -> None:
+        """Complete the recording, whatever ended the process."""
+        writer, self._writer = getattr(self, '_writer', None), None
+        if writer is not None:
+            writer.close()
+            print(f'{writer.path}: {writer.message_count} messages on {len(self._known)} topics', flush=True)
+        super().destroy_node()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog='drfmcw record', description=__doc__)
+    parser.add_argument('recording', help='directory to create')
+    parser.add_argument(
+        '--topic', action='append', metavar='PATTERN', help="topics to record ('/master/*'), repeatable"
+    )
+    parser.add_argument(
+        '--measured', action='store_true', help='only measured topics; the rest can be computed from them'
+    )
+    parser.add_argument('--duration', type=float, default=math.inf, metavar='S', help='stop after S seconds')
+    parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap', help='storage format (default mcap)')
+    parser.add_argument('--force', action='store_true', help='replace a recording of that name')
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the recorder; return the exit status."""
+    own, ros = split_ros_arguments(argv)
+    arguments = _parser().parse_args(own)
+    settings = RecorderSettings(
+        tuple(arguments.topic or ['*']), arguments.measured, arguments.duration, arguments.storage, arguments.force
+    )
+
+    def work() -> int:
+        if not arguments.duration > 0.0:
+            raise ConfigurationError(f'--duration = {arguments.duration:g} s must be above zero')
+        return run(RecorderNode, ros, path=arguments.recording, settings=settings)
+
+    return guarded('drfmcw record', work)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
