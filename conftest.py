@@ -2,8 +2,8 @@
 
 The tests of a package lie in its own `test/`, where `colcon test` looks for them. What needs a package above the one
 it examines lies in that upper package's `test/`, so that the packages keep their order: recordings of the proof's
-generator are diagnosed in drfmcw_proof, the watch is put into a graph in drfmcw_bringup. What examines the checkout as a
-whole lies in `test/`, beside the modules and data that tests share.
+generator are diagnosed in drfmcw_proof, the watch is put into a graph in drfmcw_bringup. What examines the checkout as
+a whole lies in `test/`, beside the modules and data that tests share.
 """
 
 import importlib.util
