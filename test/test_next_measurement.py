@@ -34,7 +34,7 @@ from drfmcw_diagnosis.next.instruments import (
 )
 from drfmcw_diagnosis.next.ranking import measurements, ranked
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import RECIPES, Candidate
+from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting
 from drfmcw_sim.effects import Effect
 
@@ -56,7 +56,7 @@ def warming():
 
 
 def candidate(effect, station, values):
-    recipe = next(r for r in RECIPES[effect] if set(values) <= set(r.prior) and not r.per_group)
+    recipe = next(r for r in Effect.registry[effect].recipes if set(values) <= set(r.prior) and not r.per_group)
     return Candidate(effect, station, recipe, dict(values))
 
 

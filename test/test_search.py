@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.features.extractor import BURST
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import RECIPES, Candidate
+from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.rivals import rivals, widened
@@ -148,7 +148,7 @@ def test_what_is_told_of_neither_of_two_effects_makes_four_explanations(tmp_path
 
 def _place(misfit, step, std):
     """An explanation by one settling."""
-    recipe, values = RECIPES['pll_settling'][0], {'step': step}
+    recipe, values = Effect.registry['pll_settling'].recipes[0], {'step': step}
     effect = FittedEffect(Candidate('pll_settling', 'master', recipe, values), values, {'step': std})
     return Fitted((effect,), misfit, np.zeros(3), 0.0)
 

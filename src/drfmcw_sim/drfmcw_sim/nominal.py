@@ -13,7 +13,7 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
 
-from .signal_model import Measurements, Path, Station
+from .measurements import Measurements, Path, Station
 
 NEAREST = 0.1
 """Distance below which the link budget does not grow any more [m]."""

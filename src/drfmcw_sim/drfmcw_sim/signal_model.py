@@ -14,18 +14,13 @@ as polynomials in u, so that no 1e7 rad phases are ever subtracted.
 import dataclasses
 import zlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drfmcw_physics.phase_noise import PhaseNoise
-from drfmcw_physics.sweep import SweepSettings
-
 from . import oscillator
+from .effects import Effect
+from .measurements import Measurements, Path, Station
 from .random_streams import Purpose, normal_pairs, stream
-
-if TYPE_CHECKING:
-    from .effects import Effect
 
 PHASE_UNIT = 2.0**-32
 """Unit of `if_phase` [turns]: as 32-bit integers, phases wrap by themselves."""
@@ -33,102 +28,6 @@ PHASE_UNIT = 2.0**-32
 _CHUNK = 32  # sweeps worked on at once: what fits the processor's cache
 _BLOCK = 64  # samples whose phases are made from one start and one slope
 _NEGLIGIBLE_DRIFT = 1e-3  # samples between two ADC clocks within a record, for phase noise only
-
-
-@dataclasses.dataclass
-class Station:
-    """True state of one station in a batch of n measurements; effects may change the arrays."""
-
-    sweep: SweepSettings
-    alpha: np.ndarray  # [n] reference / nominal
-    sample_clock: np.ndarray  # [n] ADC clock / nominal
-    received_power: np.ndarray  # [n] of the direct path at the antenna port [dBm]
-    noise_density: np.ndarray  # [n] at the antenna port [dBm/Hz]
-    phase_noise: PhaseNoise | None
-    temperature: np.ndarray  # [n] board [degC]
-    calibration_temperature: float = 25.0  # [degC]
-    full_scale: float = 8192.0  # [LSB]
-    iq: bool = False
-
-    @property
-    def name(self) -> str:
-        """The station's name."""
-        return self.sweep.station
-
-    def amplitude(self, power: np.ndarray) -> np.ndarray:
-        """Return the amplitude [LSB] of a sine of `power` [dBm] at the antenna port."""
-        return self.full_scale * 10.0 ** ((power - self.sweep.full_scale_power) / 20.0)
-
-    def noise_std(self) -> np.ndarray:
-        """Return the standard deviation of the additive noise in each real or I or Q sample [LSB].
-
-        The density spreads over f_s/2 of a real IF, over f_s of a quadrature one; both then have the same noise power
-        per line power in a bin.
-        """
-        bandwidth = self.sweep.sample_rate * (1.0 if self.iq else 0.5)
-        return self.amplitude(self.noise_density + 10.0 * np.log10(bandwidth)) / np.sqrt(2.0)
-
-
-@dataclasses.dataclass
-class Path:
-    """One propagation path: tau(t) = delay + rate t + acceleration t^2 / 2, t since station 1's sweep start."""
-
-    delay: np.ndarray  # [n] of the whole path, hardware and air [s]
-    rate: np.ndarray  # [n] [s/s]
-    acceleration: np.ndarray  # [n] [s/s^2]
-    amplitude: np.ndarray  # [n] relative to the direct path, negative where the sign is reversed [1]
-
-
-@dataclasses.dataclass
-class Measurements:
-    """Everything that determines the IF signals of n measurements of one pair with one set of sweep settings."""
-
-    stations: tuple[Station, ...]  # first and second, or the one station that hears itself
-    sweep_id: np.ndarray  # [n]
-    time: np.ndarray  # [n] station 1's sweep start since the scenario's start [s]
-    range: np.ndarray  # [n] true antenna distance at that time [m]
-    velocity: np.ndarray  # [n] [m/s]
-    start_delay: np.ndarray  # [n] true T_off [s]
-    initial_phase: np.ndarray  # [stations, n] phi_0 [turns]
-    paths: list[Path]  # the direct one first
-    start_delay_jitter: float = 0.0  # standard deviation from sweep to sweep [s]
-    amplitude_scatter: float = 0.0  # standard deviation from sweep to sweep [dB]
-    refractive_index: np.ndarray | float = 1.0  # [n] of the air on the path
-    setting: np.ndarray | int = 0  # [n] number of the distance at which the crane stands
-
-    def __len__(self) -> int:
-        """Return the number of measurements."""
-        return len(self.sweep_id)
-
-    def rows(self, rows: slice) -> 'Measurements':
-        """Return a copy of some of the measurements."""
-        stations = tuple(
-            dataclasses.replace(
-                s,
-                alpha=s.alpha[rows].copy(),
-                sample_clock=s.sample_clock[rows].copy(),
-                received_power=s.received_power[rows].copy(),
-                noise_density=s.noise_density[rows].copy(),
-                temperature=s.temperature[rows].copy(),
-            )
-            for s in self.stations
-        )
-        paths = [Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths]
-        return dataclasses.replace(
-            self,
-            stations=stations,
-            paths=paths,
-            initial_phase=self.initial_phase[:, rows].copy(),
-            **{
-                name: _each(getattr(self, name), len(self))[rows].copy()
-                for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay', 'refractive_index', 'setting')
-            },
-        )
-
-
-def _each(values: np.ndarray | float, count: int) -> np.ndarray:
-    """Return values of `count` measurements, which one number may stand for."""
-    return values if np.ndim(values) else np.full(count, values)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -294,7 +193,7 @@ def _phase_noise(m: Measurements, noise: _Noise, receiver: int, g: Geometry) -> 
     return result
 
 
-def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence['Effect']) -> np.ndarray:
+def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence[Effect]) -> np.ndarray:
     """Return what effects that shape chirps add to `if_phase` [n, samples] [rad], less whole turns."""
     own, peer = _own_and_peer(m, receiver)
     u = np.arange(own.sweep.sample_count) * g.step[:, None]
@@ -310,7 +209,7 @@ def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence['Effe
 
 
 def _receive(
-    m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect']
+    m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence[Effect]
 ) -> np.ndarray:
     """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
 
@@ -359,7 +258,7 @@ def quantise(signal: np.ndarray, full_scale: float) -> np.ndarray:
 def synthesise(
     m: Measurements,
     seed: int,
-    effects: Sequence['Effect'] = (),
+    effects: Sequence[Effect] = (),
     noise: bool = True,
     quantised: bool = True,
     copies: int = 1,
@@ -405,7 +304,7 @@ def synthesise(
     return tuple(results)
 
 
-def _stream_numbers(effects: Sequence['Effect']) -> list[int]:
+def _stream_numbers(effects: Sequence[Effect]) -> list[int]:
     """Return a number for each effect's streams, from its name and how many of that name stand before it.
 
     So an effect keeps its random numbers whatever else acts.

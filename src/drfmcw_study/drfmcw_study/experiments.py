@@ -19,8 +19,8 @@ from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.settings import read_yaml
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
 from drfmcw_ros.config_files import find_config
+from drfmcw_sim.measurements import Measurements, Station
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
-from drfmcw_sim.signal_model import Measurements, Station
 
 from .measurement import Trials, conditions, measure
 from .trials import ResultDirectory, Study, point_seed

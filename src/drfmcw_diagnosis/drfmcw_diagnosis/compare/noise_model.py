@@ -6,9 +6,8 @@ import numpy as np
 
 from drfmcw_node.noise import QUANTISATION
 from drfmcw_physics.phase_noise import combination_gain
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements, Station
+from drfmcw_sim.effects import Effect, Stage
+from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
 from ..features.extractor import BANDS, LINE

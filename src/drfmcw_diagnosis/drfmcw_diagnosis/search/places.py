@@ -1,12 +1,14 @@
-"""Where in a remainder a search should begin: the places at which an effect with a sharp shape would fit best.
+"""Scanners: where in a remainder the search for an effect with a sharp shape should begin.
 
-Echoes, reflections, ripples, sway and spurs fit only within a resolution cell, of which there are hundreds: too many to
-simulate each. Their first-order response is a rotating phasor, so transforms of the remainder show the cells at once.
-The places only start a search. What an effect does is said by the simulator's forward model alone.
+Such an effect fits only within a resolution cell, of which there are hundreds: too many to simulate each. To first
+order most respond as a rotating phasor, so transforms of the remainder show all cells at once. An effect's recipe names
+the scanner that finds its starting points. A scanner only starts the search: the simulator's forward model alone says
+what an effect does.
 """
 
 import dataclasses
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
@@ -14,6 +16,8 @@ from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.settings import ConfigurationError, nearest
+from drfmcw_sim.effects import Recipe
 
 from ..compare.comparison import Comparison
 from ..features.extractor import BURST, HARMONICS, LINE, SPAN
@@ -35,69 +39,59 @@ _LONGEST = 500.0  # echo [m]
 _ABOVE_LIMIT = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)  # of limits that are tried where samples pile up [dB]
 _LEVEL_STEP = 2.0  # between limits that are tried [dB]
 _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
-_COMPRESSIONS = (-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0)
 _GROWTH = (2, 8)  # powers of the line with which harmonics over it grow: of a compression, about that of a limiter
 _LOUD = 0.3  # share of sweeps with a loud span, below which bursts are sought that hardly stand out of the noise
 _FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # probability, duration [s] of such
 _SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
 
-CELLS = {
-    'echo': 350,
-    'ground_reflection': 1000,
-    'sweep_ripple': 60,
-    'spur': 1000,
-    'sway': 2500,
-    'clipping': 20,
-    'compression': 10,
-    'interference_burst': 30,
-}
-"""Independent places among which each search chooses, by effect."""
+Values = Sequence[float | tuple[float, ...]]
+"""Values of a scanned parameter, or of several parameters together, best first."""
 
 
-def places(
-    comparison: Comparison, residual: np.ndarray, effect: str, station: int, parameter: str
-) -> list[dict[str, float]]:
-    """Return values at which an effect promises most, best first.
+@dataclasses.dataclass(frozen=True)
+class Scanner:
+    """One way to find starting points in a remainder."""
+
+    find: Callable[[Comparison, np.ndarray, int, Recipe], Values]
+    """From (comparison, whitened remainder, number of the station, recipe); the station is -1 where there is none."""
+
+    of_station: bool = False  # it scans the records of one station
+    resolution: Callable[[Comparison], float] = lambda comparison: 0.0  # two nearer than that look like one
+
+
+def places(comparison: Comparison, residual: np.ndarray, recipe: Recipe, station: int) -> list[dict[str, float]]:
+    """Return values of scanned parameters at which an effect promises most, best first.
 
     Args:
         comparison: recording and model.
         residual: whitened remainder.
-        effect: one of `CELLS`.
+        recipe: of the effect.
         station: its number, -1 for none.
-        parameter: the one that makes the effect sharp.
+
+    Raises:
+        ConfigurationError: no scanner has the name that the recipe gives.
     """
-    if effect == 'interference_burst':
-        return _bursts(comparison, residual, station) if station >= 0 else []
-    return [{parameter: value} for value in _values(comparison, residual, effect, station)]
+    scanner = _scanner(recipe.scan)
+    if scanner.of_station and station < 0:
+        return []
+    names = (recipe.scanned, *recipe.scanned_with)
+    found = scanner.find(comparison, residual, station, recipe)
+    return [dict(zip(names, v if isinstance(v, tuple) else (v,), strict=True)) for v in found]
 
 
-def cell(comparison: Comparison, effect: str) -> float:
-    """Return the width of a resolution cell, in units of the parameter that makes an effect sharp; 0 of no such effect.
-
-    Two of a kind nearer than that are not told from one.
-    """
-    sweep = comparison.data.sweeps[0][0]
-    begin, end = sweep.analysis_window()
-    rate = 1.0 / (end - begin)
-    return {'echo': rate / _per_metre(comparison), 'spur': _HANN * rate, 'sweep_ripple': rate}.get(effect, 0.0)
+def cell(comparison: Comparison, recipe: Recipe) -> float:
+    """Return the width of a resolution cell, in units of the scanned parameter; 0 where there is none."""
+    return _scanner(recipe.scan).resolution(comparison) if recipe.scan else 0.0
 
 
-def _values(comparison: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
-    if effect == 'echo':
-        return _echoes(comparison, residual)
-    if effect == 'ground_reflection':
-        return _reflections(comparison, residual)
-    if effect == 'sweep_ripple':
-        return _ripples(comparison, residual)
-    if effect == 'sway':
-        return _sways(comparison, residual)
-    if effect in ('clipping', 'compression'):
-        return _distortions(comparison, residual, effect, station) if station >= 0 else ()
-    return () if station < 0 else _spurs(comparison, residual, station)
+def _scanner(name: str) -> Scanner:
+    if name not in SCANNERS:
+        raise ConfigurationError(f"no scanner '{name}'{nearest(name, sorted(SCANNERS))}")
+    return SCANNERS[name]
 
 
 def _peaks(score: np.ndarray, count: int = _PEAKS, apart: int = _FINE // 2) -> list[int]:
-    """Return the places of the largest local maxima, best first."""
+    """Return the indices of the largest local maxima, best first."""
     high = np.flatnonzero((score == maximum_filter1d(score, 2 * apart + 1)) & (score > 0.0))
     return [int(k) for k in high[np.argsort(score[high])[::-1][:count]]]
 
@@ -157,7 +151,14 @@ def _per_metre(c: Comparison) -> float:
     return abs(c.data.sweeps[0][0].chirp_rate) / SPEED_OF_LIGHT
 
 
-def _echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
+def _sweep_resolution(c: Comparison) -> float:
+    """Return the frequency of one turn over the analysed part of the sweep [Hz]."""
+    begin, end = c.data.sweeps[0][0].analysis_window()
+    return 1.0 / (end - begin)
+
+
+def _echoes(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return excess lengths of paths beside the direct one [m]."""
     phasors = _phasors(c, residual, False)
     near = [float(phasors.frequency[k] / _per_metre(c)) for k in _peaks(phasors.gain())]
     return (*near, *_distant_echoes(c, residual))
@@ -177,7 +178,8 @@ def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     return tuple(float(distance[k] * width / _per_metre(c)) for k in _peaks(score, 1))
 
 
-def _reflections(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
+def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return products of both antennas' heights above ground that reflects [m^2]."""
     phasors = _phasors(c, residual, False)
     distance = np.array([c.data.distance[m].mean() for m in c.members])
     excess = np.sqrt(distance**2 + 4.0 * _PRODUCTS[:, None]) - distance  # (products, groups)
@@ -195,14 +197,16 @@ def _reflections(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), _REFLECTIONS))
 
 
-def _ripples(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
+def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of a synthesiser's ripple over the sweep [Hz]."""
     phasors = _phasors(c, residual, True)
     duration = float(c.time[-1] - c.time[0])
     gain = np.where(phasors.frequency * duration < _SLOWEST_RIPPLE, 0.0, phasors.gain())
     return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
 
 
-def _sways(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
+def _sways(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of movement about the reference's readings [Hz]."""
     chosen = c.entries.where(kind='movement')
     rows, group = c.entries.position[chosen], c.entries.group[chosen]
     weight = 1.0 / c.std.movement
@@ -238,11 +242,8 @@ def _sways(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     return tuple(float(f) for f in peaks[np.argsort(height)[::-1][:_PEAKS]])
 
 
-def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int) -> tuple[float, ...]:
-    """Return sizes of a station's distortion: none where its spectrum and levels are those of the model.
-
-    A distortion takes many simulated sweeps.
-    """
+def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
+    """Return whether a station's spectrum and levels differ from the model's: a distortion takes long to simulate."""
     chances = []
     for kind in ('harmonic', 'lines', 'noise', 'amplitude', 'piled'):
         z = residual[c.entries.where(kind=kind, station=station)]
@@ -250,10 +251,18 @@ def _distortions(c: Comparison, residual: np.ndarray, effect: str, station: int)
         share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
         chances.append(stats.chi2.sf(z @ z / share, used / share) if used else 1.0)
     chances += _third_harmonic(c, residual, station)
-    if len(chances) * min(chances) > _SUSPICION:
+    return bool(len(chances) * min(chances) <= _SUSPICION)
+
+
+def _harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return the values that the recipe tries, where a station's spectrum or levels suggest a distortion."""
+    return recipe.tries if _suspicious(c, residual, station) else ()
+
+
+def _limits(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion."""
+    if not _suspicious(c, residual, station):
         return ()
-    if effect == 'compression':
-        return _COMPRESSIONS
     full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
     strongest = float(c.measured.amplitude[:, station].max()) - full_scale
     return (*_limit(c, station, full_scale), *np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
@@ -286,8 +295,11 @@ def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[f
     return chances
 
 
-def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str, float]]:
-    """Return what the sweeps with loud spans say of bursts; nothing where power is spread evenly."""
+def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return (probability in a sweep, level [dB of full scale], duration [s]) of bursts of noise.
+
+    The sweeps with loud spans suggest them; none where the power is spread evenly.
+    """
     z = residual[c.entries.where(kind='burst', station=station)]
     if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > _SUSPICION:
         return []
@@ -307,20 +319,19 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int) -> list[dict[str,
     def level(power: float) -> float:
         return 10.0 * math.log10(2.0 * power / max(1.0 - bandwidth, 0.5) / full_scale**2)
 
-    found = []
+    found: list[tuple[float, ...]] = []
     if share > 0.0:
         power = float(np.mean(np.concatenate(levels)))
         duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
         found = [
-            {'probability': min(share * more, 1.0), 'level': level(power) + higher, 'duration': duration}
+            (min(share * more, 1.0), level(power) + higher, duration)
             for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
         ]
     if share < _LOUD:
         for probability, duration in _FAINT_BURSTS:
             ratio = _faint(c, station, probability * duration / sweep.ramp_duration)
             if ratio > 0.0:
-                at = level(ratio * float(np.mean(steady)))
-                found.append({'probability': probability, 'level': at, 'duration': duration})
+                found.append((probability, level(ratio * float(np.mean(steady))), duration))
     return found
 
 
@@ -337,7 +348,8 @@ def _faint(c: Comparison, station: int, covered: float) -> float:
     return math.sqrt(1.0 + math.expm1(max(mean, 0.0)) / covered) - 1.0
 
 
-def _spurs(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:
+def _lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of lines in a station's IF spectrum [Hz]."""
     z = residual[c.entries.where(kind='lines', station=station)].reshape(len(c.members), -1)
     width = c.data.sweeps[0][0].sample_rate / 2 / (z.shape[1] - 1)
     score = z.sum(axis=0) / np.sqrt(np.maximum(np.count_nonzero(z, axis=0), 1))
@@ -348,3 +360,16 @@ def _spurs(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ..
         offset = np.average(np.arange(max(k - 1, 0), max(k - 1, 0) + len(inside)), weights=inside + 1e-12)
         found.append(float(offset * width))
     return tuple(found)
+
+
+SCANNERS: dict[str, Scanner] = {
+    'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
+    'fringes over distance': Scanner(_reflections),
+    'ripple': Scanner(_ripples, resolution=_sweep_resolution),
+    'sway': Scanner(_sways),
+    'narrow line': Scanner(_lines, True, lambda c: _HANN * _sweep_resolution(c)),
+    'harmonics': Scanner(_harmonics, True),
+    'limit': Scanner(_limits, True),
+    'bursts': Scanner(_bursts, True),
+}
+"""By the name that a recipe gives in `scan`."""

@@ -9,12 +9,11 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
 
 from ..compare.comparison import Comparison
-from .bank import RECIPES, Candidate, at_stations, candidates
+from .bank import Candidate, at_stations, candidates, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
-from .places import CELLS, cell, places
+from .places import cell, places
 from .workers import Workers
 
 RIVAL = 16.0
@@ -86,8 +85,8 @@ class Search(Fitting):
     def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
         """Return whether the recording can show an effect: what does not grow with the size is rounding."""
         length, recipe = float(np.linalg.norm(template)), candidate.recipe
-        if candidate.effect == 'slant_geometry' and not self.comparison.known.range().any():
-            return False  # the measured distance that stands in for the reference is the slant one
+        if recipe.needs_reference and not self.comparison.known.range().any():
+            return False
         if length > _FAINT:
             return True
         if length <= _NOTHING or not recipe.size:
@@ -102,29 +101,27 @@ class Search(Fitting):
 
     @property
     def places(self) -> int:
-        """How many independent places are searched: what chance is counted over."""
+        """Number of independent starting points: what chance is counted over."""
         stations = self.comparison.data.stations
-        scanned = [
-            CELLS[effect] * len(at_stations(effect, recipe, stations))
-            for effect, recipes in RECIPES.items()
-            for recipe in recipes
-            if recipe.scanned and effect not in self._left_out
-        ]
+        scanned = (
+            recipe.cells * len(at_stations(effect, recipe, stations))
+            for effect, recipe in recipes(self._left_out)
+            if recipe.scan
+        )
         return sum(self._places.values()) + sum(scanned)
 
     def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
-        """Return the places at which the remainder itself says that effects of sharp shape should begin."""
+        """Return the starting points that scanners find in the remainder."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
-        for effect, recipes in RECIPES.items():
-            for recipe in recipes:
-                if not recipe.scanned or effect in self._left_out or only not in ('', effect):
-                    continue
-                for station in at_stations(effect, recipe, stations):
-                    number = receivers.index(station) if station in receivers else -1
-                    for place in places(self.comparison, residual, effect, number, recipe.scanned):
-                        found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | place))
+        for effect, recipe in recipes(self._left_out):
+            if not recipe.scan or only not in ('', effect):
+                continue
+            for station in at_stations(effect, recipe, stations):
+                number = receivers.index(station) if station in receivers else -1
+                for place in places(self.comparison, residual, recipe, number):
+                    found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | place))
         return found
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
@@ -210,7 +207,7 @@ class Search(Fitting):
         same = [e for e in beside if e.key == candidate.key]
         if len(same) >= _OF_A_KIND:
             return False
-        name, width = candidate.recipe.scanned, cell(self.comparison, candidate.effect)
+        name, width = candidate.recipe.scanned, cell(self.comparison, candidate.recipe)
         return all(candidate.recipe.repeats and abs(e.values[name] - values[name]) > width for e in same)
 
     def _power(self, templates: np.ndarray, freedom: Freedom | None) -> np.ndarray:
@@ -246,7 +243,7 @@ class Search(Fitting):
             values[recipe.size] += 20.0 * math.log10(scale)
         else:
             values[recipe.size] *= scale
-        low, high = self.bounds(candidate.effect, recipe.size)
+        low, high = self.bounds(candidate, recipe.size)
         values[recipe.size] = min(max(values[recipe.size], low), high)
         return gain, candidate, values
 
@@ -254,7 +251,7 @@ class Search(Fitting):
         """Return what scaling a template in each group on its own promises, and the values with which to begin."""
         template = self._template([candidate.build()])
         gain, values = 0.0, {}
-        low, high = self.bounds(candidate.effect, candidate.recipe.size)
+        low, high = self.bounds(candidate, candidate.recipe.size)
         for number, (name, value) in enumerate(candidate.values.items()):
             inside = self.comparison.entries.group == number
             power = float(template[inside] @ template[inside])
@@ -346,9 +343,9 @@ class Search(Fitting):
         def begun_at(places_of: list) -> Fitted:
             # a distortion takes long; one linear place is as good as its promise
             linear = len(places_of) == 1 and places_of[0][1].recipe.size
-            effect = Effect.registry[places_of[0][1].effect]
+            effect = places_of[0][1].kind
             steps = _FIRST_STEPS if places_of[0][1].recipe.size else _STEPS_TO_SIZE
-            steps = 0 if linear or effect.distorts() or effect.bursts() else steps
+            steps = 0 if linear or effect.distorts or effect.bursts else steps
             at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in places_of]
             return min(at, key=lambda f: f.misfit)
 
@@ -367,7 +364,8 @@ class Search(Fitting):
 
         Every kind of effect has the same share of the false alarms, whatever the number of places it may take.
         """
-        count = (len(self._places) + len(CELLS)) * self._places.get(key, CELLS.get(key[0], 1))
+        cells = {effect: recipe.cells for effect, recipe in recipes() if recipe.scan}
+        count = (len(self._places) + len(cells)) * self._places.get(key, cells.get(key[0], 1))
         return float(min(1.0, count * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
 
     # --- exchanges ---

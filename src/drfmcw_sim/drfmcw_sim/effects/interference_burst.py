@@ -7,28 +7,40 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
+from ..measurements import Measurements, Station
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class InterferenceBurst(Effect, name='interference_burst', of='station'):
+class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
     """In some sweeps a burst of white noise, its start uniform over the record, cut off at the record's end."""
 
-    acts_on = 'noise'
+    acts_on = ActsOn.NOISE
     formula = 'x → x + s 10^(level / 20) √½ w(t) for t₀ ≤ t < t₀ + duration, w white with unit variance, s full scale'
     example = {'probability': 0.3, 'level': -40.0, 'duration': 5e-5}
+    bursts = True
+    recipes = (
+        Recipe(
+            '',
+            start={'level': -50.0, 'duration': 5e-5},
+            prior={'probability': 0.5, 'level': 20.0, 'duration': 1e-4},
+            each_sweep='probability',
+            steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5},
+            scan='bursts',
+            scanned='probability',
+            scanned_with=('level', 'duration'),
+            cells=30,
+            trust={'probability': 0.15, 'level': 1.0, 'duration': 0.25},
+        ),
+    )
 
     probability: float = parameter(bounds=(0.0, 1.0), description='of a burst in a sweep')
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 40.0), description='power of the burst; that of a full-scale sine is 0 dBFS'
     )
     duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='of a burst')
-
-    @classmethod
-    def bursts(cls) -> bool:
-        """Return True: a single sweep may hold none."""
-        return True
 
     def receive(
         self,

@@ -4,7 +4,7 @@ import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 
 
 def slowness(m: Measurements) -> np.ndarray:
