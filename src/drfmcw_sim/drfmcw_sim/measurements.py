@@ -92,13 +92,16 @@ class Measurements:
             stations=stations,
             paths=paths,
             initial_phase=self.initial_phase[:, rows].copy(),
-            **{
-                name: _each(getattr(self, name), len(self))[rows].copy()
-                for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay', 'refractive_index', 'setting')
-            },
+            sweep_id=self.sweep_id[rows].copy(),
+            time=self.time[rows].copy(),
+            range=self.range[rows].copy(),
+            velocity=self.velocity[rows].copy(),
+            start_delay=self.start_delay[rows].copy(),
+            refractive_index=_each(self.refractive_index, len(self))[rows].copy(),
+            setting=_each(self.setting, len(self))[rows].copy(),
         )
 
 
 def _each(values: np.ndarray | float, count: int) -> np.ndarray:
     """Return values of `count` measurements, which one number may stand for."""
-    return values if np.ndim(values) else np.full(count, values)
+    return np.asarray(values) if np.ndim(values) else np.full(count, values)

@@ -13,7 +13,7 @@ as polynomials in u, so that no 1e7 rad phases are ever subtracted.
 
 import dataclasses
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -162,17 +162,15 @@ def _draw_noise(m: Measurements, generators: Sequence[np.random.Generator]) -> _
         np.multiply(radius, cosine, out=deviates[:, :half])
         np.multiply(radius, sine, out=deviates[:, half:])
         additive.append(deviates[:, :number])
-    spectra = iter(zip(*(parts[len(m.stations) :] for parts in (radii, cosines, sines)), strict=True))
-    return _Noise(
-        tuple(additive),
-        tuple(
-            None
-            if s.phase_noise is None
-            else oscillator.spectrum(*next(spectra), period, s.sweep.sample_rate, s.phase_noise)
-            for s in m.stations
-        ),
-        period,
-    )
+    spectra: list[np.ndarray | None] = []
+    of_oscillators = zip(*(parts[len(m.stations) :] for parts in (radii, cosines, sines)), strict=True)
+    for s in m.stations:
+        if s.phase_noise is None:
+            spectra.append(None)
+        else:
+            radius, cosine, sine = next(of_oscillators)
+            spectra.append(oscillator.spectrum(radius, cosine, sine, period, s.sweep.sample_rate, s.phase_noise))
+    return _Noise(tuple(additive), tuple(spectra), period)
 
 
 def _phase_noise(m: Measurements, noise: _Noise, receiver: int, g: Geometry) -> np.ndarray | None:
@@ -313,6 +311,6 @@ def _stream_numbers(effects: Sequence[Effect]) -> list[int]:
     return [(zlib.crc32(name.encode()) << 8) + names[:i].count(name) for i, name in enumerate(names)]
 
 
-def _streams(seed: int, m: Measurements, receiver: int, number: int):
+def _streams(seed: int, m: Measurements, receiver: int, number: int) -> Callable[[], list[np.random.Generator]]:
     """Return a function that makes the generators of one effect at one station, one per sweep."""
     return lambda: [stream(seed, Purpose.EFFECT, int(i), 2 * number + receiver) for i in m.sweep_id]
