@@ -15,7 +15,7 @@ from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.bank import candidates, recipes
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
-from drfmcw_diagnosis.search.places import SCANNERS, places
+from drfmcw_diagnosis.search.scanners import SCANNERS, starting_points
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_proof.cases.concealing import Applied, conceal
@@ -125,7 +125,7 @@ def test_places_are_where_the_simulator_puts_the_effect(effect, station, paramet
     template = comparison.template([Effect.registry[effect](**shape, station=station)])
     number = comparison.data.stations.index(station) if station else -1
     recipe = Effect.registry[effect].recipes[0]
-    found = [place[parameter] for place in places(comparison, template, recipe, number)]
+    found = [place[parameter] for place in starting_points(comparison, template, recipe, number)]
     # resolution of the sweep: 1 kHz, 1.5 m; a fringe of the nearest place; a quarter turn of sway over the recording
     width = {'echo': 0.75, 'ground_reflection': 0.5, 'sweep_ripple': 500.0, 'sway': 2e-3, 'spur': 1000.0}[effect]
     assert min(abs(value - shape[parameter]) for value in found) < width

@@ -1,6 +1,8 @@
-"""An effect that is not in the registry: declared here alone, simulated, concealed and found."""
+"""Effects are known in their own files alone: one that is declared here is simulated, concealed and found."""
 
+import ast
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,12 +10,14 @@ from scenes import record, scene
 
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.finding.wording import effect_sentence
+from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import parameter
 from drfmcw_sim.effects import ActsOn, Effect, Of, Recipe
 from drfmcw_sim.measurements import Station
 
 TRUE = {'deviation': 600.0, 'rate': 7000.0, 'phase': 0.7}
 STANDING = {'distances': [120.0, 160.0, 210.0, 260.0, 320.0, 390.0], 'sweeps': 12}
+SOURCES = Path(__file__).parents[1] / 'src'
 
 
 @pytest.fixture
@@ -66,3 +70,16 @@ def test_an_effect_declared_outside_of_the_packages_is_found(tmp_path, sawtooth)
     for name, true in TRUE.items():
         assert abs(effect.parameters[name].value - true) < 4.0 * effect.parameters[name].std, name
     assert 'Sawtooth ripple at slave: the ramp ripples in steps.' in effect_sentence(effect)
+
+
+@pytest.mark.parametrize('package', ['drfmcw_sim', 'drfmcw_diagnosis'])
+def test_no_module_names_an_effect_but_its_own(package):
+    """Neither in a condition nor in a table; fields of a calibration may have the name of an effect."""
+    names = set(Effect.registry) - {field.name for field in dataclasses.fields(Calibration)}
+    modules = sorted((SOURCES / package).rglob('*.py'))
+    assert modules
+    for module in modules:
+        own = module.stem if module.parent.name == 'effects' else ''
+        nodes = ast.walk(ast.parse(module.read_text(encoding='utf-8')))
+        texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        assert texts & names <= {own}, module

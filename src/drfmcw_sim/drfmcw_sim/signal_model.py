@@ -25,8 +25,8 @@ from .random_streams import Purpose, normal_pairs, stream
 PHASE_UNIT = 2.0**-32
 """Unit of `if_phase` [turns]: as 32-bit integers, phases wrap by themselves."""
 
-_CHUNK = 32  # sweeps worked on at once: what fits the processor's cache
-_BLOCK = 64  # samples whose phases are made from one start and one slope
+_CHUNK = 32  # sweeps computed together: as many as fit the processor's cache
+_BLOCK = 64  # samples whose phases are computed from one start and one slope
 _NEGLIGIBLE_DRIFT = 1e-3  # samples between two ADC clocks within a record, for phase noise only
 
 
@@ -106,12 +106,12 @@ def _phase_units(turns: np.ndarray) -> np.ndarray:
 
 
 def _own_and_peer(m: Measurements, receiver: int) -> tuple[Station, Station]:
-    """Return the receiver and whom it hears: itself where there is one station only."""
+    """Return the receiver and the transmitter that it hears, which is itself where there is only one station."""
     return m.stations[receiver], m.stations[1 - receiver if len(m.stations) == 2 else 0]
 
 
 def overlap(m: Measurements, receiver: int, g: Geometry) -> tuple[np.ndarray, np.ndarray]:
-    """Return (first, end) sample numbers [n] between which both chirps are on at the receiver's mixer."""
+    """Return the (first, end) sample numbers [n] between which both chirps are present at the receiver's mixer."""
     own, peer = _own_and_peer(m, receiver)
     last = np.minimum(g.crossing(peer.sweep.ramp_duration / peer.alpha), own.sweep.ramp_duration / own.alpha)
     begin = np.ceil(np.maximum(g.crossing(0.0), 0.0) / g.step - 1e-9)
@@ -211,7 +211,7 @@ def _receive(
 ) -> np.ndarray:
     """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
 
-    Of copies in `m` that differ in their initial phases alone the first is `single`.
+    Where `m` holds copies that differ in their initial phases alone, `single` is the first of them.
     """
     own = m.stations[receiver]
     count = own.sweep.sample_count
@@ -271,8 +271,8 @@ def synthesise(
         effects: act in the order of their `stage`, those of one stage as listed.
         noise: False leaves out additive and phase noise.
         quantised: False returns the analogue signal in LSB, float32 [n, samples] or [n, samples, 2].
-        copies: how often the same measurements stand in `m`, one copy after another, that differ in their initial
-            phases alone; it saves time to say so.
+        copies: number of copies of the same measurements in `m`, one after another, which differ in their initial
+            phases alone: saves time.
 
     Returns:
         Per station int16 [n, samples], or [n, 2 samples] with I and Q interleaved.
@@ -280,10 +280,10 @@ def synthesise(
     effects = sorted(effects, key=lambda effect: effect.stage)
     numbers = _stream_numbers(effects)
     results: list[np.ndarray] = []
-    places = np.arange(len(m)).reshape(copies, -1)
+    numbered = np.arange(len(m)).reshape(copies, -1)
     each = max(_CHUNK // copies, 1)
-    for begin in range(0, places.shape[1], each):
-        rows = places[:, begin : begin + each].ravel()
+    for begin in range(0, numbered.shape[1], each):
+        rows = numbered[:, begin : begin + each].ravel()
         chunk = m.rows(rows)
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
@@ -303,14 +303,14 @@ def synthesise(
 
 
 def _stream_numbers(effects: Sequence[Effect]) -> list[int]:
-    """Return a number for each effect's streams, from its name and how many of that name stand before it.
+    """Return a number for the random streams of each effect, from its name and the count of that name before it.
 
-    So an effect keeps its random numbers whatever else acts.
+    So an effect keeps its random numbers whatever other effects act.
     """
     names = [effect.name for effect in effects]
     return [(zlib.crc32(name.encode()) << 8) + names[:i].count(name) for i, name in enumerate(names)]
 
 
 def _streams(seed: int, m: Measurements, receiver: int, number: int) -> Callable[[], list[np.random.Generator]]:
-    """Return a function that makes the generators of one effect at one station, one per sweep."""
+    """Return a function that returns the generators of one effect at one station, one per sweep."""
     return lambda: [stream(seed, Purpose.EFFECT, int(i), 2 * number + receiver) for i in m.sweep_id]

@@ -57,7 +57,7 @@ class Effect:
         return frozenset(name for name, kind in typing.get_type_hints(cls).items() if kind == list[float])
 
     def applies_to(self, station: str) -> bool:
-        """Return True where the effect acts at `station`; one without station acts at all."""
+        """Return True where the effect acts at `station`; without a station it acts at every one."""
         return not self.station or self.station == station
 
     def own_stations(self, m: Measurements) -> list[Station]:
@@ -89,7 +89,7 @@ class Effect:
             signal: float32 [n, samples], or [n, samples, 2] (I, Q) [LSB].
             station: receiver.
             m: the measurements.
-            streams: gives one random generator per sweep, independent of all others.
+            streams: returns one random generator per sweep, independent of all others.
         """
 
     def reference_error(
@@ -98,12 +98,12 @@ class Effect:
         distance: np.ndarray | float,
         distance_at: Callable[[np.ndarray | float], np.ndarray | float],
     ) -> np.ndarray | float:
-        """Return what the effect adds to the reading of the reference instrument [m].
+        """Return the error that the effect causes in the reading of the reference instrument [m].
 
         Args:
             time: of the reading, since the scenario's start [s].
-            distance: true one at that time [m].
-            distance_at: gives the distance [m] at other times [s].
+            distance: the true one at that time [m].
+            distance_at: returns the distance [m] at other times [s].
         """
         return 0.0
 

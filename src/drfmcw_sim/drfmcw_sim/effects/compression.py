@@ -44,5 +44,5 @@ class Compression(Effect, name='compression', of=Of.STATION):
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Bend the signal."""
+        """Apply the curve."""
         signal -= np.float32(self.third_order / station.full_scale**2) * (signal * signal * signal)

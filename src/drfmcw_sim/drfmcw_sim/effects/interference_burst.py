@@ -53,13 +53,13 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
         if self.probability == 0.0:
             return
         count = station.sweep.sample_count
-        deviation = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
+        std = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
         for row, generator in enumerate(streams()):
-            chance, place = generator.random(2)
+            chance, start = generator.random(2)
             if chance >= self.probability:
                 continue
             rate = station.sweep.sample_rate * station.sample_clock[row]
-            begin = int(np.ceil(place * count))
-            end = int(np.ceil(min(place * count + self.duration * rate, count)))
+            begin = int(np.ceil(start * count))
+            end = int(np.ceil(min(start * count + self.duration * rate, count)))
             noise = generator.standard_normal(signal[row, begin:end].shape, dtype=np.float32)
-            signal[row, begin:end] += deviation * noise
+            signal[row, begin:end] += std * noise

@@ -35,7 +35,7 @@ class Recipe:
     steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
 
     # scan
-    scan: str = ''  # scanner of the diagnosis that finds starting points: see drfmcw_diagnosis.search.places
+    scan: str = ''  # scanner of the diagnosis that finds starting points: see drfmcw_diagnosis.search.scanners
     scanned: str = ''  # parameter that the scanner finds
     scanned_with: tuple[str, ...] = ()  # further parameters that it finds
     cells: int = 1  # independent starting points among which a scan chooses: what chance is counted over

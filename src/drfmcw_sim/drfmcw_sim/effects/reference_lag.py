@@ -14,7 +14,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceLag(Effect, name='reference_lag', of=Of.REFERENCE):
-    """The reference tells where the crane was; where it stands, nothing changes."""
+    """The reference gives the distance of an earlier time; while the crane stands, nothing changes."""
 
     acts_on = ActsOn.REFERENCE
     formula = 'reading = R(t − lag), about R − v lag'

@@ -1,4 +1,4 @@
-"""The reference counts from another point."""
+"""The reference measures from another point."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The reference has another metre."""
+"""The scale of the reference is off."""
 
 import dataclasses
 from collections.abc import Callable

@@ -15,9 +15,10 @@ from .traits import ActsOn, Motion, Of
 
 @dataclasses.dataclass(frozen=True)
 class Sway(Effect, name='sway', of=Of.PATH):
-    """The distance swings about the reference's one, with place, velocity and acceleration at each sweep's start.
+    """The distance oscillates about that of the reference.
 
-    What it leaves out within a sweep is (2 pi frequency t)^3 / 6 of the amplitude.
+    Each sweep has the position, velocity and acceleration at its start: within it, an error of
+    (2 pi frequency t)^3 / 6 of the amplitude remains.
     """
 
     acts_on = ActsOn.DELAY
@@ -31,7 +32,7 @@ class Sway(Effect, name='sway', of=Of.PATH):
             prior={'amplitude': 0.05, 'frequency': 2.0, 'phase': 3.0},
             quadrature=('phase', np.pi / 2.0),
             steps={'frequency': 1e-5, 'phase': 0.01},
-            scan='sway',
+            scan='oscillation',
             scanned='frequency',
             cells=2500,
         ),
@@ -45,5 +46,5 @@ class Sway(Effect, name='sway', of=Of.PATH):
         """Move the crane."""
         omega = 2.0 * np.pi * self.frequency
         angle = omega * m.time + self.phase
-        place = self.amplitude * np.sin(angle)
-        move(m, place, self.amplitude * omega * np.cos(angle), -(omega**2) * place)
+        position = self.amplitude * np.sin(angle)
+        move(m, position, self.amplitude * omega * np.cos(angle), -(omega**2) * position)

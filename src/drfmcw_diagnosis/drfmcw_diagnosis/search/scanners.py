@@ -24,25 +24,25 @@ from ..features.extractor import BURST, HARMONICS, LINE, SPAN
 
 _HANN = 2.0  # resolution cells that a Hann window's line is wide, half of it
 _FINE = 8  # transform bins per resolution cell
-_PEAKS = 3  # places of each effect
+_PEAKS = 3  # starting points of each effect
 _DECIBEL = 20.0 / math.log(10.0)  # of one neper
 _PRODUCTS = np.concatenate([np.arange(0.25, 100.0, 0.1), np.geomspace(100.0, 1000.0, 1000)])  # of two heights [m^2]
 _SLOWEST_RIPPLE = 2.0  # periods within the sweep: slower ones are taken out with each sweep's frequency
 _FASTEST_SWAY = 5.0  # [Hz]
 _SWAY_CELLS = 2048  # at most
-_ALIASES = 512  # frequencies of sway that are looked at closely
-_TOP = 17  # points at which each of them is
-_FAINT = 12.0  # gain below which no sway is looked for
-_REFLECTIONS = 32  # places of a reflection, whose fringes resemble each other
+_ALIASES = 512  # frequencies of sway whose maxima are refined
+_TOP = 17  # points around each of them
+_FAINT = 12.0  # gain below which no sway is tried
+_REFLECTIONS = 32  # starting points of a reflection: the fringes of different heights resemble each other
 _LONGEST = 500.0  # echo [m]
 
 _ABOVE_LIMIT = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)  # of limits that are tried where samples pile up [dB]
 _LEVEL_STEP = 2.0  # between limits that are tried [dB]
 _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
-_GROWTH = (2, 8)  # powers of the line with which harmonics over it grow: of a compression, about that of a limiter
-_LOUD = 0.3  # share of sweeps with a loud span, below which bursts are sought that hardly stand out of the noise
-_FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # probability, duration [s] of such
-_SUSPICION = 0.05  # chance of what a station's spectrum holds, below which its distortion is tried
+_GROWTH = (2, 8)  # powers of the line by which harmonics relative to it grow: of a compression, of a limiter (about)
+_LOUD = 0.3  # share of sweeps with a loud span, below which faint bursts are tried too
+_FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # their probability, duration [s]
+_SUSPICION = 0.05  # p-value of a station's spectrum below which distortions and bursts are tried
 
 Values = Sequence[float | tuple[float, ...]]
 """Values of a scanned parameter, or of several parameters together, best first."""
@@ -59,8 +59,10 @@ class Scanner:
     resolution: Callable[[Comparison], float] = lambda comparison: 0.0  # two nearer than that look like one
 
 
-def places(comparison: Comparison, residual: np.ndarray, recipe: Recipe, station: int) -> list[dict[str, float]]:
-    """Return values of scanned parameters at which an effect promises most, best first.
+def starting_points(
+    comparison: Comparison, residual: np.ndarray, recipe: Recipe, station: int
+) -> list[dict[str, float]]:
+    """Return values of the scanned parameters at which an effect would explain most, best first.
 
     Args:
         comparison: recording and model.
@@ -79,7 +81,7 @@ def places(comparison: Comparison, residual: np.ndarray, recipe: Recipe, station
     return [dict(zip(names, v if isinstance(v, tuple) else (v,), strict=True)) for v in found]
 
 
-def cell(comparison: Comparison, recipe: Recipe) -> float:
+def resolution(comparison: Comparison, recipe: Recipe) -> float:
     """Return the width of a resolution cell, in units of the scanned parameter; 0 where there is none."""
     return _scanner(recipe.scan).resolution(comparison) if recipe.scan else 0.0
 
@@ -119,10 +121,10 @@ class _Phasors:
 
 
 def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors:
-    """Return how a phasor fits: in the phases as a synthesiser makes it, or in amplitudes and phases as a path does.
+    """Return how well phasors fit: those of a synthesiser, in the phases alone, or those of a path, in amplitudes too.
 
-    What a second path adds turns amplitude and phase alike; its phase has opposite signs in both stations' lines, that
-    of a synthesiser the same.
+    A second path turns amplitude and phase alike. Its phase has opposite signs in the lines of both stations; the phase
+    of a synthesiser has the same sign.
     """
     groups, channels, count = c.std.ramp.shape
     stations = channels // 2
@@ -165,7 +167,7 @@ def _echoes(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
 
 
 def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
-    """Return excess ranges of echoes that stand as lines of their own, as far from each station's line."""
+    """Return excess ranges of echoes that are resolved as lines of their own, equally far from each station's line."""
     z = residual[c.entries.where(kind='lines')].reshape(len(c.members), -1, c.measured.lines.shape[-1])
     bins = z.shape[-1]
     width = c.data.sweeps[0][0].sample_rate / 2 / (bins - 1)
@@ -189,7 +191,7 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     at = np.arange(len(distance)), cell.clip(0, len(phasors.frequency) - 1)
     correlation = np.where(inside, (turn * phasors.correlation[at]).real, 0.0)
     power = np.where(inside, phasors.power[at] + (turn**2 * phasors.imbalance[at]).real, 0.0)
-    # within a resolution cell it shows in the level
+    # where both paths lie in one resolution cell, the reflection shows in the level
     std = c.std.amplitude
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
     gained = correlation.sum(axis=1) + _DECIBEL * turn.real @ level.sum(axis=1)
@@ -205,7 +207,7 @@ def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) 
     return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
 
 
-def _sways(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
     """Return frequencies of movement about the reference's readings [Hz]."""
     chosen = c.entries.where(kind='movement')
     rows, group = c.entries.position[chosen], c.entries.group[chosen]
@@ -220,7 +222,7 @@ def _sways(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) ->
 
     def score(frequency: np.ndarray) -> np.ndarray:
         wave = np.exp(2j * math.pi * frequency[:, None] * time)
-        for g in np.unique(group):  # a movement is told within its group only
+        for g in np.unique(group):  # movement is compared within its group only
             wave[:, group == g] -= wave[:, group == g].mean(axis=1, keepdims=True)
         real, imag = (wave * weight).real, (wave * weight).imag
         rr, ii, ri = np.sum(real * real, axis=1), np.sum(imag * imag, axis=1), np.sum(real * imag, axis=1)
@@ -230,7 +232,7 @@ def _sways(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) ->
     coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
     if coarse.max() < _FAINT:
         return ()
-    # pauses between groups leave many frequencies nearly alike: only at their very tops the right one is the highest
+    # with pauses between groups many frequencies fit nearly as well: compare them at their exact maxima
     fine = np.concatenate([frequency[k] + step * np.linspace(-1.0, 1.0, _TOP) for k in _peaks(coarse, _ALIASES, 1)])
     fine, best = fine.reshape(-1, _TOP), score(fine).reshape(-1, _TOP)
     row, at = np.arange(len(best)), best.argmax(axis=1).clip(1, _TOP - 2)
@@ -269,21 +271,22 @@ def _limits(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
 
 
 def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
-    """Return about the limit at which a station's samples pile up [dB of full scale], none where they do not.
+    """Return limits about that at which a station's samples pile up [dB of full scale]; none where they do not.
 
-    How many do is a matter of the level, which is known less well: a limit slightly off may explain them better.
+    How many samples pile up depends on the level, which is known less well: a slightly different limit may fit better.
     """
     piled = c.measured.piled[:, station] / c.std.piled[:, station]
     most = int(np.argmax(piled))
     if piled[most] <= 0.0:
         return ()
-    samples = c.data.samples[c.heard[station]][c.members[most]].astype(int)
-    limit = 20.0 * math.log10(np.abs(samples).max()) - full_scale
+    samples = c.data.samples[c.heard[station]]
+    assert samples is not None  # of a station that is heard
+    limit = 20.0 * math.log10(np.abs(samples[c.members[most]].astype(int)).max()) - full_scale
     return tuple(limit + above for above in _ABOVE_LIMIT)
 
 
 def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
-    """Return the chances of third harmonics at the line's own phase that grow with the line as a distortion's do."""
+    """Return p-values of third harmonics at the line's phase that grow with the line as those of a distortion do."""
     groups = len(c.members)
     z = residual[c.entries.where(kind='harmonic', station=station)].reshape(groups, -1)[:, HARMONICS.index(3)]
     line = 10.0 ** ((c.measured.amplitude[:, station] - c.measured.amplitude[:, station].max()) / 20.0)
@@ -336,12 +339,12 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
 
 
 def _faint(c: Comparison, station: int, covered: float) -> float:
-    """Return the power of bursts over that of the noise by which squares of spans' powers are as uneven as measured.
+    """Return the power of bursts over that of the noise that makes the squared powers of spans as uneven as measured.
 
     Args:
         c: recording and model.
         station: its number.
-        covered: share of all spans in a burst.
+        covered: share of all spans that lie in a burst.
     """
     uneven, std = c.measured.burst[:, station, 0], c.std.burst[:, station, 0]
     mean = float(np.average(uneven, weights=1.0 / std**2))
@@ -366,7 +369,7 @@ SCANNERS: dict[str, Scanner] = {
     'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
     'fringes over distance': Scanner(_reflections),
     'ripple': Scanner(_ripples, resolution=_sweep_resolution),
-    'sway': Scanner(_sways),
+    'oscillation': Scanner(_oscillations),
     'narrow line': Scanner(_lines, True, lambda c: _HANN * _sweep_resolution(c)),
     'harmonics': Scanner(_harmonics, True),
     'limit': Scanner(_limits, True),
