@@ -13,12 +13,10 @@ from scipy import stats
 
 from drfmcw_physics.phase_noise import PhaseNoise, combination_gain
 from drfmcw_physics.sweep import SweepSettings, beat_frequency, residual_chirp
+from drfmcw_sim.measurements import Measurements, Path, Station
 from drfmcw_sim.random_streams import Purpose, normal_pairs, stream
 from drfmcw_sim.signal_model import (
     PHASE_UNIT,
-    Measurements,
-    Path,
-    Station,
     draw_sweeps,
     geometry,
     if_phase,
