@@ -132,9 +132,7 @@ def as_simulated(scene, rows, velocity):
         sweep = SweepSettings(name, peer, role=i + 1, mode=1, start_delay=c.long_start_delay)
         zero = np.zeros(n)
         stations.append(
-            Station(
-                sweep, scene.alpha[i, rows], scene.clock[i, rows], zero, zero, None, scene.board[i, rows]
-            )
+            Station(sweep, scene.alpha[i, rows], scene.clock[i, rows], zero, zero, None, scene.board[i, rows])
         )
     slowness = (1.0 + 1e-6 * scene.refractivity[rows]) / 299792458.0
     far = scene.range_at(rows, scene.time[rows])
