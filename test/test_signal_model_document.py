@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_signal_model import if_turns, pair
+from simulated_pairs import if_turns, pair
 
 from drfmcw_fusion.combination import Station as Combined
 from drfmcw_fusion.combination import combine

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import CONFIG, ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import mapping, record, scene
@@ -28,7 +29,8 @@ from drfmcw_study.points import grid, try_point, values_of
 from drfmcw_study.summary import summarise
 from drfmcw_study.trials import Moments, ResultDirectory, Study, StudyStopped, point_seed, run
 
-TEST = Path(__file__).parent
+MODULES = [str(Path(__file__).parent), str(ROOT / 'test')]
+"""Where a worker finds this module and what it imports."""
 EXACT_WEATHER = {'temperature_std': 0.0, 'pressure_std': 0.0, 'humidity_std': 0.0}
 SCENARIO = mapping({'standing': {'distances': [60.0, 700.0]}}, alphas=(1.000006, 0.999991))
 
@@ -77,7 +79,7 @@ def cluster(tmp_path_factory):
     """A Dask scheduler and two workers, each a process of its own; yields (address, worker processes)."""
     folder = tmp_path_factory.mktemp('dask')
     where = folder / 'scheduler.json'
-    environment = os.environ | {'PYTHONPATH': os.pathsep.join([str(TEST), os.environ.get('PYTHONPATH', '')])}
+    environment = os.environ | {'PYTHONPATH': os.pathsep.join([*MODULES, os.environ.get('PYTHONPATH', '')])}
 
     def start(name, *arguments):
         command = [sys.executable, '-m', 'dask', *arguments, '--no-dashboard']
@@ -134,7 +136,7 @@ def test_no_scheduler_is_one_line(tmp_path, capfd):
 
 def test_interrupted_study_ends_as_if_it_had_not_been(tmp_path):
     """Ctrl-C of a real process and its workers, kill -9, and then to the end."""
-    scenario = TEST.parent / 'config' / 'gantry.yaml'
+    scenario = CONFIG / 'gantry.yaml'
     words = [str(scenario), '--vary', 'distance=50,800', '--trials', '500', '--batch', '10', '--jobs', '2']
     command = [sys.executable, '-m', 'drfmcw_study.monte_carlo', *words, '--out', str(tmp_path / 'stopped')]
     for stop in (signal.SIGINT, signal.SIGKILL):

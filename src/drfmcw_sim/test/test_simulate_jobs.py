@@ -9,14 +9,14 @@ import time
 from pathlib import Path
 
 import pytest
+from checkout import CONFIG
 
 pytest.importorskip('drfmcw_ros.bag.files')
 from drfmcw_sim import simulate  # noqa: E402
 from drfmcw_sim.recording import write_recording  # noqa: E402
 from drfmcw_sim.scenario import read_scenario  # noqa: E402
 
-ROOT = Path(__file__).parents[1]
-GANTRY = str(ROOT / 'config' / 'gantry.yaml')
+GANTRY = str(CONFIG / 'gantry.yaml')
 ENDLESS = '--set', 'pairs.0.standing.sweeps=1000000'
 LIMIT = 60.0  # for anything to happen [s]
 

@@ -4,9 +4,9 @@ import os
 import re
 import resource
 import shutil
-from pathlib import Path
 
 import pytest
+from checkout import DATA
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import QosDurability, QosReliability
@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drfmcw_ros.bag.files import STORAGES, BagError, BagReader, BagWriter, typestore
 
-PRACTICE = Path(__file__).parent / 'data' / 'recording_0'
+PRACTICE = DATA / 'recording_0'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
 SUFFIX = {'mcap': '.mcap', 'sqlite3': '.db3'}
 both_storages = pytest.mark.parametrize('storage', sorted(STORAGES))

@@ -5,10 +5,10 @@ import dataclasses
 import itertools
 import re
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import DATA, ROOT
 
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_diagnosis.next.ranking import measurements
@@ -27,8 +27,6 @@ from drfmcw_proof.figures import (
 from drfmcw_proof.judging import OUTCOMES, judge
 from drfmcw_proof.report import Run, write_report
 from drfmcw_proof.second_opinion import apart, parted
-
-ROOT = Path(__file__).resolve().parents[1]
 
 SPUR = {'effect': 'spur', 'station': 'master', 'parameters': {'frequency': 2e5, 'level': -80.0}}
 ECHO = {'effect': 'echo', 'station': None, 'parameters': {'excess_range': 7.0, 'relative_power': -30.0, 'phase': 1.0}}
@@ -323,7 +321,7 @@ def test_a_wrong_command_line_is_one_line_and_status_2(words, tmp_path, capsys):
 
 
 def test_an_unknown_effect_to_leave_out_is_one_line_and_status_2(capsys):
-    assert diagnose([str(ROOT / 'test/data/recording_0'), '--without', 'echo,spurr']) == 2
+    assert diagnose([str(DATA / 'recording_0'), '--without', 'echo,spurr']) == 2
     error = capsys.readouterr().err
     assert error.count('\n') == 1 and "'spurr'; did you mean 'spur'?" in error
 

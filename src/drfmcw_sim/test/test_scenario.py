@@ -1,10 +1,10 @@
 """Scenarios: what is wrong is named, trajectories keep their limits, the time line counts right."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import CONFIG
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,8 +18,7 @@ from drfmcw_sim.signal_model import synthesise
 from drfmcw_sim.timeline import IfSweep, Timeline
 from drfmcw_sim.trajectory import Drive, Profile, Standing
 
-ROOT = Path(__file__).parents[1]
-SCENARIOS = sorted((ROOT / 'config').glob('*.yaml'))
+SCENARIOS = sorted(CONFIG.glob('*.yaml'))
 
 
 def minimal(**changes):
@@ -92,7 +91,7 @@ def test_what_is_wrong_is_named_in_one_line(changes, words):
 
 def test_overrides_reach_every_level():
     """section.key=value, with list items by number; a wrong path is refused."""
-    path = ROOT / 'config' / 'crane.yaml'
+    path = CONFIG / 'crane.yaml'
     changed = read_scenario(
         path, ('timing.sweep_interval=0.5', 'pairs.0.drive.speed=1.5', 'stations.slave.delay=1e-9'), 9
     )
@@ -145,7 +144,7 @@ def test_profile_interpolates():
 
 def test_time_division_gives_every_pair_its_turn():
     """Pairs follow each other, numbers count through, both stations of a measurement have the same number."""
-    timeline = Timeline(read_scenario(ROOT / 'config' / 'tdma.yaml'))
+    timeline = Timeline(read_scenario(CONFIG / 'tdma.yaml'))
     slots = timeline.slots(9)
     assert slots.pair.tolist() == [0, 1, 2] * 3
     assert np.allclose(np.diff(slots.time), 0.02)

@@ -9,10 +9,10 @@ import shutil
 import struct
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import DATA, ROOT
 
 from drfmcw_fusion import offline, replay
 from drfmcw_fusion.offline import replay_recording
@@ -23,9 +23,8 @@ from drfmcw_fusion.verification import compare, recorded_ranges
 from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.recording import to_rosbags
 
-ROOT = Path(__file__).parents[1]
-STANDING = ROOT / 'test' / 'data' / 'recording_0'
-MOVING = ROOT / 'test' / 'data' / 'recording_5'
+STANDING = DATA / 'recording_0'
+MOVING = DATA / 'recording_5'
 REAL = ROOT.parent / 'shared' / 'recordings' / 'real'
 RANGE = 'drfmcw_msgs/msg/RangeEstimate'
 

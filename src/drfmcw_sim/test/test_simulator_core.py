@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import CONFIG
 
 pytest.importorskip('rclpy')
 bag = pytest.importorskip('drfmcw_ros.bag.files')
@@ -15,7 +16,6 @@ from drfmcw_sim.scenario import read_scenario, scenario_from_mapping  # noqa: E4
 from drfmcw_sim.simulator import Acknowledgements  # noqa: E402
 from drfmcw_sim.timeline import Timeline  # noqa: E402
 
-ROOT = Path(__file__).parents[1]
 PRACTICE = Path('/work/shared/recordings/practice/recording_0')
 SMALL = ('pairs.0.standing.sweeps=4', 'pairs.0.standing.distances=[100, 700]')
 
@@ -24,7 +24,7 @@ SMALL = ('pairs.0.standing.sweeps=4', 'pairs.0.standing.distances=[100, 700]')
 def test_recording_holds_the_measured_topics(tmp_path, storage):
     """Topics, types and QoS are those of a recording made by another hand; settings stand before their sweeps."""
     path = tmp_path / 'run'
-    scenario = read_scenario(ROOT / 'config' / 'gantry.yaml', SMALL)
+    scenario = read_scenario(CONFIG / 'gantry.yaml', SMALL)
     progress = []
     assert write_recording(scenario, path, storage, progress.append) == 8
     assert progress[-1] == 8
@@ -55,7 +55,7 @@ def test_same_seed_gives_the_same_recording(tmp_path):
     """Samples and readings are functions of the scenario alone."""
     rows = []
     for name, seed in (('a', 5), ('b', 5), ('c', 6)):
-        scenario = read_scenario(ROOT / 'config' / 'gantry.yaml', SMALL, seed)
+        scenario = read_scenario(CONFIG / 'gantry.yaml', SMALL, seed)
         write_recording(scenario, tmp_path / name)
         with bag.BagReader(tmp_path / name) as reader:
             rows.append([(topic, time, raw) for topic, time, _, raw in reader.raw_messages()])
@@ -86,7 +86,7 @@ def test_station_that_hears_itself(tmp_path):
 
 def test_command_line(tmp_path, capsys):
     """A recording by command; wrong input is one line and status 2, and leaves nothing behind."""
-    gantry = str(ROOT / 'config' / 'gantry.yaml')
+    gantry = str(CONFIG / 'gantry.yaml')
     options = [part for o in SMALL for part in ('--set', o)]
     assert simulate.main([gantry, '--out', str(tmp_path / 'run'), *options]) == 0
     assert (tmp_path / 'run' / 'metadata.yaml').exists()
@@ -139,7 +139,7 @@ def test_conditions_are_those_of_the_physics():
 def test_unknown_storage_is_refused(tmp_path):
     """One line that names it."""
     with pytest.raises(ConfigurationError, match='mcpa'):
-        write_recording(read_scenario(ROOT / 'config' / 'gantry.yaml', SMALL), tmp_path / 'x', 'mcpa')
+        write_recording(read_scenario(CONFIG / 'gantry.yaml', SMALL), tmp_path / 'x', 'mcpa')
 
 
 def test_window_of_unanswered_sweeps():

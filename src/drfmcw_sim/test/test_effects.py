@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from checkout import ROOT
 from scenes import mapping, scene
 from scipy import integrate
 from scipy.signal import hilbert
@@ -321,7 +322,7 @@ def test_order_in_a_scenario_does_not_matter():
 
 
 def test_catalogue_has_every_effect_and_its_snippet_works():
-    text = (Path(__file__).parents[1] / 'docs/effects.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs/effects.md').read_text(encoding='utf-8')
     sections = dict(re.findall(r'^## (\w+)\n(.*?)(?=^## |\Z)', text, re.DOTALL | re.MULTILINE))
     assert sorted(sections) == EFFECTS
     for name, section in sections.items():

@@ -6,10 +6,10 @@ here is by chance. The simulated sweeps' noise comes from fixed streams.
 
 import copy
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import DATA
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.finding import wording
@@ -38,19 +38,18 @@ from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting
 from drfmcw_sim.effects import Effect
 
-DATA = Path(__file__).parent / 'data' / 'recording_0'
 ROOT = 1e-3  # below which a separation is numerical noise [standard deviations]
 
 
 @pytest.fixture(scope='module')
 def recording():
-    return Comparison(read_dataset(DATA))
+    return Comparison(read_dataset(DATA / 'recording_0'))
 
 
 @pytest.fixture(scope='module')
 def warming():
     """The same sweeps, but both boards warm steadily by 12 K from the calibration temperature on."""
-    data = read_dataset(DATA)
+    data = read_dataset(DATA / 'recording_0')
     warm = 25.0 + 12.0 * data.time / data.time[-1]
     return Comparison(dataclasses.replace(data, board_temperature=np.stack([warm, warm])))
 
@@ -234,7 +233,7 @@ def test_a_slant_is_seen_by_a_second_instrument_beside_a_horizontal_reference(re
 
 
 def test_without_a_reference_nothing_is_compared_with_it():
-    data = read_dataset(DATA)
+    data = read_dataset(DATA / 'recording_0')
     nothing = np.full(len(data), np.nan)
     alone = dataclasses.replace(data, reference=nothing, reference_std=nothing)
     alone.__dict__['distance'] = data.distance  # what the lines tell, without the time that takes
@@ -247,7 +246,7 @@ def test_without_a_reference_nothing_is_compared_with_it():
 
 def test_one_stations_samples_are_enough():
     """Station 1 alone takes an error of T_off for a distance; a counter still tells its ADC clock from a delay."""
-    data = read_dataset(DATA)
+    data = read_dataset(DATA / 'recording_0')
     comparison = Comparison(dataclasses.replace(data, samples=(data.samples[0], None)))
     truth = true(comparison, 'sample_clock_offset', 'master', deviation=10.0)
     other = rival(comparison, truth, 'delay_offset', delay=-0.02)
@@ -268,7 +267,7 @@ def test_simulated_sweeps_scatter_as_they_are_said_to(recording):
 
 def test_a_driving_crane_is_measured_standing():
     """The drive's own sweeps tell noise and settings; further ones are made at its distances, one group at each."""
-    comparison = Comparison(read_dataset(DATA.parent / 'recording_5'))
+    comparison = Comparison(read_dataset(DATA / 'recording_5'))
     made = Repeated('as before').view(comparison, 4).comparison
     assert len(made.members) == 4 and made.standing.all()
     assert np.mean(made.residual[made.entries.where(kind='ramp')] ** 2) < 1.1

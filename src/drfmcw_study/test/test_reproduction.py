@@ -1,9 +1,9 @@
 """The paper's figures and claims: what follows from its equations exactly, and simulation against prediction."""
 
 import math
-from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from scipy.stats import chi2
 
 from drfmcw_node.estimation import EstimatorSettings
@@ -12,7 +12,7 @@ from drfmcw_study import claims, reproduce
 from drfmcw_study.experiments import NOISE_FLOORS, Point, Run, predict, simulate_all, site
 from drfmcw_study.sections import SECTIONS
 
-DOCUMENT = Path(__file__).parents[1] / 'docs' / 'reproduction.md'
+DOCUMENT = ROOT / 'docs' / 'reproduction.md'
 IDEAL = {'alphas': (1.0, 1.0), 'station': {'adc_bits': 16}}  # the table knows no quantisation noise
 
 

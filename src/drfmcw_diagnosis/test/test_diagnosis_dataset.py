@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.stats
 import yaml
+from checkout import DATA
 from scenes import mapping, record, scene
 
 from drfmcw_diagnosis.finding.refined import scenario_mapping, write_scenario
@@ -21,7 +22,6 @@ from drfmcw_sim.scenario import Scenario, read_scenario, scenario_from_mapping
 from drfmcw_sim.timeline import Timeline
 from drfmcw_sim.trajectory import Recorded
 
-DATA = Path(__file__).parent / 'data'
 EXACT_WEATHER = {'temperature_std': 0.0, 'pressure_std': 0.0, 'humidity_std': 0.0, 'interval': 0.5}
 STANDING = {'standing': {'distances': [60.0, 750.0], 'sweeps': 12, 'move_time': 5.0}}
 OWN_ECHO = {'stations': {'radar': {'delay': 5e-9}}, 'mode': {'start_delay_short': 0.0, 'start_delay_long': 0.0}}

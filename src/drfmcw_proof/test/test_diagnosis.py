@@ -2,11 +2,11 @@
 
 import dataclasses
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.fft
+from checkout import DATA
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
@@ -24,7 +24,6 @@ from drfmcw_proof.generator.model import nominal
 from drfmcw_proof.generator.recordings import write_recording
 from drfmcw_sim.effects import Effect
 
-DATA = Path(__file__).parent / 'data'
 EXTENT = Extent(settings=7, sweeps=12)
 
 

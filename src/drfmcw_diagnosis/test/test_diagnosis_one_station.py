@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import DATA
 from scenes import STANDARD_STATION, mapping, record
 
 from drfmcw_diagnosis.compare.comparison import Comparison
@@ -20,7 +21,6 @@ from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping
 
-DATA = Path(__file__).parent / 'data' / 'recording_0'
 IQ = {'waveform': {'iq': True}}
 IN_THE_IF = ('ramp', 'flutter', 'lines', 'mean', 'harmonic', 'burst')  # told by the samples alone
 
@@ -84,7 +84,7 @@ def assert_noise(comparison, *kinds):
 
 @pytest.fixture(scope='module')
 def by_others():
-    return read_dataset(DATA)
+    return read_dataset(DATA / 'recording_0')
 
 
 @pytest.mark.parametrize('station', [0, 1])
