@@ -24,7 +24,7 @@ from drfmcw_diagnosis.live.background import Background, WorkFailed
 from drfmcw_diagnosis.live.watch import OK, STALE, WARN, Judgement, Watch, WatchSettings
 from drfmcw_diagnosis.live.window import Window, WindowSettings
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
-from drfmcw_node.processing import Sweep
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader

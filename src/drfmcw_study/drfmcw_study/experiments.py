@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics import bounds
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT

@@ -11,10 +11,10 @@ import numpy as np
 
 from drfmcw_fusion.pipeline import RangeFusion, RangeResult
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import Estimates, EstimatorSettings
-from drfmcw_node.estimators import estimator as make_estimator
-from drfmcw_node.pair import pair_estimator
-from drfmcw_node.processing import Beat
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.pair import pair_estimator
+from drfmcw_node.estimators.registry import estimator as make_estimator
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, beat_frequency

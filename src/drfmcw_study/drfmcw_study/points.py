@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, from_mapping
 from drfmcw_physics.sweep import Mode

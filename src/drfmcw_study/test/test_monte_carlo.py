@@ -19,7 +19,7 @@ from scenes import mapping, record, scene
 
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.measurements import Measurements
 
