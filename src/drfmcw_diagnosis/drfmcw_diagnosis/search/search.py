@@ -9,13 +9,13 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_ros.processes import Workers
 from drfmcw_sim.effects import Effect
 
 from ..compare.comparison import Comparison
 from .bank import RECIPES, Candidate, at_stations, candidates
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
 from .places import CELLS, cell, places
-from .workers import Workers
 
 RIVAL = 16.0
 """Squared distance below which two explanations are one answer (4 sigma)."""
