@@ -1,6 +1,5 @@
 """What decides the bits of a stored result besides its settings: versions of libraries, digests of our code."""
 
-import functools
 import hashlib
 import importlib.util
 import platform
@@ -12,9 +11,8 @@ from drfmcw_physics.settings import ConfigurationError
 _LIBRARIES = ('numpy', 'scipy')
 
 
-@functools.cache
 def versions(packages: tuple[str, ...], without: tuple[str, ...] = ()) -> dict[str, str]:
-    """Return versions of Python and the numerical libraries, and a digest of each package's code.
+    """Return versions of Python and the numerical libraries, and a digest of each package's code as it is now.
 
     Args:
         packages: names.
