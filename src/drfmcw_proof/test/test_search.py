@@ -1,6 +1,5 @@
-"""Search for effects: what an explanation may follow, effects that nearly cancel, movement, work in processes."""
+"""Search for effects: what an explanation may follow, effects that nearly cancel, movement."""
 
-import functools
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.rivals import rivals, widened
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
-from drfmcw_diagnosis.search.workers import Workers
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
 from drfmcw_proof.cases.draws import Extent, random_condition
@@ -212,17 +210,3 @@ def test_a_line_beyond_nyquist_is_left_out(tmp_path):
     numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
     # as above
     assert chi_square(comparison, 'ramp') < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
-
-
-def _power(items, number):
-    if number == len(items):
-        raise ValueError(f'no item {number}')
-    return items[number] ** 2
-
-
-@pytest.mark.parametrize('count', [1, 2, 7])
-def test_shared_work_is_the_same_work(count):
-    items = list(range(5))
-    assert Workers(count).map(functools.partial(_power, items), range(5)) == [i**2 for i in items]
-    with pytest.raises(ValueError, match='no item 5'):
-        Workers(count).map(functools.partial(_power, items), range(6))

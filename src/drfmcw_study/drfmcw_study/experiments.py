@@ -23,8 +23,9 @@ from drfmcw_sim.measurements import Measurements, Station
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 
 from .measurement import Trials, conditions, measure
-from .trials import ResultDirectory, Study, point_seed
-from .trials import run as run_study
+from .trials.results import ResultDirectory
+from .trials.running import run as run_study
+from .trials.study import Study, point_seed
 
 IF_BAND = 1.024e6
 """IF bandwidth to which a noise power belongs, half of Table 1's sampling rate [Hz]."""

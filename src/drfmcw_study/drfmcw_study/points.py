@@ -21,7 +21,7 @@ from drfmcw_sim.scenario import Scenario, override, scenario_from_mapping
 from drfmcw_sim.trajectory import Drive
 
 from .measurement import Trials, measure
-from .trials import point_seed
+from .trials.study import point_seed
 
 _EVALUATION = {'estimator': EstimatorSettings, 'fusion': FusionSettings}
 _LARGEST_GRID = 1_000_000

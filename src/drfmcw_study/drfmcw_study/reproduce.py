@@ -19,7 +19,7 @@ from drfmcw_ros.cli import Parser, guarded, write_atomically
 from . import claims, figures
 from .experiments import NOISE_FLOORS, Run, simulate_all
 from .sections import LABORATORY_PATH, SECTIONS, Finished, Section
-from .trials import StudyStopped
+from .trials.study import StudyStopped
 
 _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a source checkout
 _DOCUMENT = 'reproduction.md'

@@ -27,7 +27,10 @@ from drfmcw_study.measurement import measure
 from drfmcw_study.monte_carlo import main
 from drfmcw_study.points import grid, try_point, values_of
 from drfmcw_study.summary import summarise
-from drfmcw_study.trials import Moments, ResultDirectory, Study, StudyStopped, point_seed, run
+from drfmcw_study.trials.moments import Moments
+from drfmcw_study.trials.results import ResultDirectory
+from drfmcw_study.trials.running import run
+from drfmcw_study.trials.study import Study, StudyStopped, point_seed
 
 MODULES = [str(Path(__file__).parent), str(ROOT / 'test')]
 """Where a worker finds this module and what it imports."""

@@ -9,12 +9,12 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_ros.processes import Workers
 
 from ..compare.comparison import Comparison
 from .bank import Candidate, at_stations, candidates, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
 from .scanners import resolution, starting_points
-from .workers import Workers
 
 RIVAL = 16.0
 """Squared distance below which two explanations are one answer (4 sigma)."""
