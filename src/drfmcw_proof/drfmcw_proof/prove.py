@@ -177,7 +177,7 @@ def _alone(words: Sequence[str], said: Path) -> NoReturn:
 
 
 class _Tries:
-    """Tries cases in threads; the tool itself runs in a process of its own that is told the recording's path alone."""
+    """Tries cases in threads; the tool itself runs in a process of its own that gets the recording's path alone."""
 
     def __init__(self, results: Results, console: Console, keep: bool) -> None:
         self._results, self._console, self._keep = results, console, keep
