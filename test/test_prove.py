@@ -389,7 +389,7 @@ def test_report_tells_numbers_and_every_failure(tmp_path):
     assert re.findall(r'recording_\d+', failures) == [f'recording_{n:04d}' for n in BAD]
     assert re.findall(r'recording_\d+', small) == ['recording_0006']
     assert 'echo [excess_range 7' in failures and 'explained: delay_offset' in failures
-    assert '7.2 sigma apart from the truth' in failures
+    assert '7.2 sigma from the truth |' in failures
     ambiguous = text.partition('## Ambiguous')[2].partition('\n## ')[0]
     assert 'count both references / 1 of 1, by 5.5 sigma at least' in ambiguous.replace(' | ', ' / ')
     assert 'reference instrument checked: explained' in ambiguous

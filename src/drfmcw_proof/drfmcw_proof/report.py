@@ -119,7 +119,8 @@ def _what(run: Run, records: Sequence[Record]) -> str:
         text += (
             f'\n\n**These are {len(records)} of the {run.listed} cases of the list ({_list(run)}), '
             f'{len(records) / run.listed:.1%}; the others have not been run.** The intervals show how little so few '
-            'cases measure. The seed decides the order of the cases: groups take turns, and so do the effects in each group.'
+            'cases measure. The seed decides the order of the cases: groups take turns, and so do the effects in each '
+            'group.'
         )
     else:
         text += f'\n\nThese are all {run.listed} cases of the list ({_list(run)}).'
@@ -324,8 +325,8 @@ def _held_out(records: Sequence[Record]) -> str:
     low, median, high = np.quantile(misfits, (0.05, 0.5, 0.95))
     return (
         f'Misfit per degree of freedom on held-out sweeps, of {len(misfits)} findings "explained": median '
-        f'{median:.3f}, from {low:.3f} to {high:.3f} in nine of ten, from {min(misfits):.3f} to {max(misfits):.3f} in all. A '
-        'correct model gives 1.'
+        f'{median:.3f}, from {low:.3f} to {high:.3f} in nine of ten, from {min(misfits):.3f} to {max(misfits):.3f} in '
+        'all. A correct model gives 1.'
     )
 
 
