@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drfmcw_node.estimation import Flag
+from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..recording.dataset import Dataset

@@ -3,12 +3,11 @@
 import dataclasses
 import math
 import re
-import sys
 
 import numpy as np
 
 from drfmcw_physics.settings import declared_parameters
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import Effect, Of
 
 from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
 
@@ -41,7 +40,6 @@ _PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the fir
     's': ((1.0, 1.0, 's'), (1e-3, 1e3, 'ms'), (1e-6, 1e6, 'µs'), (0.0, 1e9, 'ns')),
     'm': ((1.0, 1.0, 'm'), (0.0, 1e3, 'mm')),
 }
-_ACRONYMS = {'pll', 'tx', 'if'}
 _LISTED = 4  # rivals and locations named in the sentences; the tables hold all
 _FURTHER = 2  # measurements named after the best one
 _IDEAL = 'A correct model gives 1.'
@@ -196,10 +194,9 @@ def effect_words(found: FoundEffect) -> EffectWords:
         description = '' if base in seen else declared[base][1].description
         seen.add(base)
         parameters.append(ParameterWords(name.replace('_', ' '), size, description))
-    headline = _first_sentence(sys.modules[cls.__module__].__doc__)
     return EffectWords(
         effect_title(found),
-        headline[0].lower() + headline[1:].rstrip('.'),
+        cls.headline[0].lower() + cls.headline[1:].rstrip('.'),
         ' '.join(str(cls.__doc__).split()),
         cls.formula,
         tuple(parameters),
@@ -213,12 +210,11 @@ def parameter_name(name: str) -> str:
 
 def effect_title(found: FoundEffect) -> str:
     """Return name and station of an effect, e.g. 'sweep ripple at master'."""
-    name = ' '.join(w.upper() if w in _ACRONYMS else w for w in found.effect.split('_'))
+    cls = Effect.registry[found.effect]
     if found.station:
-        return f'{name} at {found.station}'
-    return {'station': f'{name} at all stations', 'path': f'{name} on the path'}.get(
-        Effect.registry[found.effect].of, name
-    )
+        return f'{cls.title} at {found.station}'
+    where = {Of.STATION: ' at all stations', Of.PATH: ' on the path', Of.REFERENCE: ''}
+    return cls.title + where[cls.of]
 
 
 def explanation_title(explanation: Explanation) -> str:
