@@ -239,5 +239,5 @@ def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tu
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
     if search.untested:
-        sentences_.append(f'Without any influence on this recording: {", ".join(search.untested)}.')
+        sentences_.append(f'These effects would leave no trace in this recording: {", ".join(search.untested)}.')
     return tuple(sentences_)

@@ -332,4 +332,4 @@ def test_the_finding_says_so_where_nothing_decides():
     said = ' '.join(wording.sentences(diagnosis(NextMeasurement('Look at it.', (0.1, 3.0)))))
     assert 'none would decide' in said and '3.0 standard deviations' in said
     said = ' '.join(wording.sentences(diagnosis(NextMeasurement('Look at it.', (0.0, 0.1)))))
-    assert 'none would tell them apart' in said
+    assert 'none would separate them' in said

@@ -270,7 +270,7 @@ class Watch:
             said = 'the model does not explain the data, and no known effect accounts for it'
             if diagnosis.locations:
                 worst = max(diagnosis.locations, key=lambda x: x.share)
-                said += f'; most of it in: {wording.place(worst.level, worst.station)}, {wording.span(worst)}'
+                said += f'; most of it in: {wording.level_title(worst.level, worst.station)}, {wording.span(worst)}'
             return said
         said = f'left out of the model: {wording.with_sizes(diagnosis.explanation)}'
         for rival in diagnosis.alternatives:
