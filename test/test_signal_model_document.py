@@ -16,7 +16,7 @@ from simulated_pairs import if_turns, pair
 
 from drfmcw_fusion.combination import Station as Combined
 from drfmcw_fusion.combination import combine
-from drfmcw_node.processing import Beat
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics import bounds, link_budget
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration, range_bias

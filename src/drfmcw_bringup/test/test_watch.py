@@ -14,17 +14,15 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pieces_of_work import count_up, fail, sleep_long
 from scenes import record, scene
 
 from drfmcw_bringup.graph import REPLAY, STATION, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import monitored
 from drfmcw_diagnosis.finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect
-from drfmcw_diagnosis.live.background import Background, WorkFailed
 from drfmcw_diagnosis.live.watch import OK, STALE, WARN, Judgement, Watch, WatchSettings
 from drfmcw_diagnosis.live.window import Window, WindowSettings
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
-from drfmcw_node.processing import Sweep
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader
@@ -267,46 +265,6 @@ def test_what_cannot_be_judged_is_said(ready):
     ready.take(judgement(), 2.0)
     ready.take(Judgement('killed by SIGKILL'), 3.0)
     assert ready.statement(3.0).level == WARN and 'SIGKILL' in ready.statement(3.0).message
-
-
-# --- work in another process ---
-
-
-def gathered(background: Background, count: int | None = None) -> list:
-    """Results until the work has ended, or so many."""
-    found, end = [], time.monotonic() + LIMIT
-    while background.busy and time.monotonic() < end and (count is None or len(found) < count):
-        found += background.results()
-        time.sleep(0.01)
-    return found
-
-
-def test_background_gives_all_results_one_work_after_another():
-    background = Background(count_up)
-    for limit in (3, 0):
-        background.start(limit)
-        with pytest.raises(RuntimeError, match='one piece of work'):
-            background.start(limit)
-        assert gathered(background) == list(range(limit))
-    background.close()
-
-
-@pytest.mark.parametrize(('reason', 'said'), [('exit', 'exit status 3'), ('odd', 'ValueError: odd')])
-def test_background_says_how_work_failed(reason, said):
-    background = Background(fail)
-    background.start(reason)
-    with pytest.raises(WorkFailed, match=said):
-        gathered(background)
-    assert not background.busy
-    background.close()
-
-
-def test_background_ends_at_once():
-    background = Background(sleep_long)
-    background.start(None)
-    assert gathered(background, 1) == ['begun']
-    background.close()
-    assert not background.busy
 
 
 # --- in a graph ---

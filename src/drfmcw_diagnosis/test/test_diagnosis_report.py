@@ -206,7 +206,7 @@ def one_station():
         fit=dataclasses.replace(diagnosis.fit, range_bias=None, range_std=None),
         not_testable=(
             'everything of slave: its if_samples are missing',
-            'master or slave: a ramp error of one station cannot be told from the same error of the other',
+            'master or slave: a ramp error of one station cannot be separated from the same error of the other',
             'range: it takes both stations',
         ),
     )
@@ -220,8 +220,8 @@ CASES = {
         'ambiguous',
         (CLOCK,),
         (Explanation((SAMPLE_CLOCK,), 57.1), Explanation((AIR,), 56.9), Explanation((OFFSET, AIR), 56.0)),
-        next_measurement="Read the slave's reference with a frequency counter to 0.01 ppm: it would part the first two "
-        'by 47 standard deviations; a second T_off of 8 us: 12.',
+        next_measurement="Read the slave's reference with a frequency counter to 0.01 ppm: it would separate the first "
+        'two by 47 standard deviations; a second T_off of 8 us: 12.',
     ),
     'unexplained': made('unexplained', ()),
     'unexplained, best given': made(
@@ -368,7 +368,7 @@ def test_every_effect_is_described_by_its_own_declaration():
         (5e-5, 1e-6, 's', '50.0 ± 1.0 µs'),
         (12.2, 0.2, '1e-6', '(12.20 ± 0.20)·10⁻⁶'),
         (0.1, 0.0296, '1', '0.10 ± 0.03'),
-        (7.5, math.nan, 'm', '7.500 m (uncertainty not known)'),
+        (7.5, math.nan, 'm', '7.500 m (uncertainty unknown)'),
     ],
 )
 def test_quantities_have_sensible_digits(value, std, unit, expected):

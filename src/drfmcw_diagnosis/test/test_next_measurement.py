@@ -34,7 +34,7 @@ from drfmcw_diagnosis.next.instruments import (
 )
 from drfmcw_diagnosis.next.ranking import measurements, ranked
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import RECIPES, Candidate
+from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting
 from drfmcw_sim.effects import Effect
 
@@ -55,7 +55,7 @@ def warming():
 
 
 def candidate(effect, station, values):
-    recipe = next(r for r in RECIPES[effect] if set(values) <= set(r.prior) and not r.per_group)
+    recipe = next(r for r in Effect.registry[effect].recipes if set(values) <= set(r.prior) and not r.per_group)
     return Candidate(effect, station, recipe, dict(values))
 
 
@@ -332,4 +332,4 @@ def test_the_finding_says_so_where_nothing_decides():
     said = ' '.join(wording.sentences(diagnosis(NextMeasurement('Look at it.', (0.1, 3.0)))))
     assert 'none would decide' in said and '3.0 standard deviations' in said
     said = ' '.join(wording.sentences(diagnosis(NextMeasurement('Look at it.', (0.0, 0.1)))))
-    assert 'none would tell them apart' in said
+    assert 'none would separate them' in said

@@ -17,7 +17,7 @@ from drfmcw_fusion.pipeline import Flag, RangeFusion
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_fusion.statistics import reference_at
 from drfmcw_fusion.tracking import VelocityTracker
-from drfmcw_node.processing import Beat
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError

@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drfmcw_node.estimation import EstimatorSettings, Flag
-from drfmcw_node.estimators import estimator
-from drfmcw_node.processing import EarlySweeps, StationProcessor, Sweep
+from drfmcw_node.estimators.estimation import EstimatorSettings, Flag
+from drfmcw_node.estimators.registry import estimator
+from drfmcw_node.processing.early import EarlySweeps
+from drfmcw_node.processing.processor import StationProcessor
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.bounds import additive_std
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.phase_noise import PhaseNoise

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drfmcw_node.feed import (
+from drfmcw_node.sources.feed import (
     HEADER_SIZE,
     FragmentAssembler,
     Frame,
@@ -21,7 +21,8 @@ from drfmcw_node.feed import (
     encode_fragments,
     encode_request,
 )
-from drfmcw_node.sources import TcpSource, UdpSource
+from drfmcw_node.sources.tcp import TcpSource
+from drfmcw_node.sources.udp import UdpSource
 from drfmcw_physics.settings import ConfigurationError
 
 WAIT = 10.0  # [s]

@@ -12,10 +12,11 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import RECIPES, candidates
+from drfmcw_diagnosis.search.bank import candidates, recipes
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
-from drfmcw_diagnosis.search.places import places
+from drfmcw_diagnosis.search.scanners import SCANNERS, starting_points
+from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.draws import Extent, random_condition
@@ -35,14 +36,19 @@ def recorded(path, seed, *effects):
 
 def test_every_recipe_fits_its_effect():
     """Parameters, priors and grids name what the registry declares, and every place of the bank can be built."""
-    for effect, recipes in RECIPES.items():
+    for effect, recipe in recipes():
         declared = declared_parameters(Effect.registry[effect])
-        for recipe in recipes:
-            assert set(recipe.prior) <= set(declared)
-            named = {*recipe.start, *recipe.grid, *recipe.defining}
-            assert {*named, *filter(None, (recipe.size, recipe.turn[0], recipe.scanned))} <= set(declared)
-            assert set(recipe.prior) <= {*recipe.start, *recipe.grid, recipe.quadrature[0], recipe.scanned}
-            assert all(prior > 0 for prior in recipe.prior.values())
+        assert set(recipe.prior) <= set(declared)
+        named = {*recipe.start, *recipe.grid, *recipe.defining, *recipe.scanned_with, *recipe.within_recording}
+        named |= {*recipe.steps, *recipe.trust, *recipe.incoherence, *recipe.added_to, *recipe.times}
+        named |= {recipe.size, recipe.turn[0], recipe.quadrature[0], recipe.scanned, recipe.each_sweep} - {''}
+        assert named <= set(declared)
+        assert set(recipe.prior) <= {*recipe.start, *recipe.grid, recipe.quadrature[0], recipe.scanned}
+        assert all(prior > 0 for prior in recipe.prior.values())
+        assert bool(recipe.scan) == bool(recipe.scanned)
+        assert recipe.scan in {'', *SCANNERS}
+        calibrated = {field.name for field in dataclasses.fields(Calibration)}
+        assert {*recipe.added_to.values(), *recipe.times.values()} <= calibrated
 
 
 def test_residuals_of_a_recording_by_others_are_noise():
@@ -83,20 +89,20 @@ def test_prediction_without_effects_adds_nothing():
 def test_templates_are_smooth_in_the_size():
     """Twice a small size adds twice as much, on every level: the search relies on it."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'), np.arange(96))
-    for effect, recipes in RECIPES.items():
-        recipe = recipes[0]
+    for effect, cls in Effect.registry.items():
+        recipe = cls.recipes[0]
         if not recipe.size or recipe.decibel or recipe.per_group:
             continue
         shape = {name: values[len(values) // 2] for name, values in recipe.grid.items()}
         if recipe.scanned:
             shape[recipe.scanned] = recipe.prior[recipe.scanned]
-        station = 'master' if Effect.registry[effect].of == 'station' else ''
+        station = 'master' if cls.of == 'station' else ''
 
-        def added(scale, effect=effect, recipe=recipe, shape=shape, station=station):
+        def added(scale, cls=cls, recipe=recipe, shape=shape, station=station):
             size = recipe.start[recipe.size] * scale
-            value = (size,) if recipe.size == 'velocity' else size
+            value = (size,) if recipe.size in cls.list_parameters() else size
             parameters = dict(recipe.start) | shape | {recipe.size: value}
-            return comparison.template([Effect.registry[effect](**parameters, station=station)])
+            return comparison.template([cls(**parameters, station=station)])
 
         once, twice = added(1.0), added(2.0)
         assert np.linalg.norm(twice - 2.0 * once) < 0.03 * np.linalg.norm(twice) + 0.03, effect
@@ -117,7 +123,8 @@ def test_places_are_where_the_simulator_puts_the_effect(effect, station, paramet
     comparison = Comparison(read_dataset(DATA / 'recording_0'))
     template = comparison.template([Effect.registry[effect](**shape, station=station)])
     number = comparison.data.stations.index(station) if station else -1
-    found = [place[parameter] for place in places(comparison, template, effect, number, parameter)]
+    recipe = Effect.registry[effect].recipes[0]
+    found = [place[parameter] for place in starting_points(comparison, template, recipe, number)]
     # resolution of the sweep: 1 kHz, 1.5 m; a fringe of the nearest place; a quarter turn of sway over the recording
     width = {'echo': 0.75, 'ground_reflection': 0.5, 'sweep_ripple': 500.0, 'sway': 2e-3, 'spur': 1000.0}[effect]
     assert min(abs(value - shape[parameter]) for value in found) < width

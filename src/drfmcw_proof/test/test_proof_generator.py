@@ -32,6 +32,8 @@ from drfmcw_proof.generator.model import FIRST, SECOND, Condition, StationCondit
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_sim import signal_model
 from drfmcw_sim.effects import Effect
+from drfmcw_sim.measurements import Measurements, Station
+from drfmcw_sim.measurements import Path as WavePath
 
 PACKAGE = Path(drfmcw_proof.__file__).parent
 ROOMS = ('generator', 'cases')
@@ -130,14 +132,12 @@ def as_simulated(scene, rows, velocity):
         sweep = SweepSettings(name, peer, role=i + 1, mode=1, start_delay=c.long_start_delay)
         zero = np.zeros(n)
         stations.append(
-            signal_model.Station(
-                sweep, scene.alpha[i, rows], scene.clock[i, rows], zero, zero, None, scene.board[i, rows]
-            )
+            Station(sweep, scene.alpha[i, rows], scene.clock[i, rows], zero, zero, None, scene.board[i, rows])
         )
     slowness = (1.0 + 1e-6 * scene.refractivity[rows]) / 299792458.0
     far = scene.range_at(rows, scene.time[rows])
-    path = signal_model.Path(scene.delay[rows] + far * slowness, velocity * slowness, np.zeros(n), np.ones(n))
-    return signal_model.Measurements(
+    path = WavePath(scene.delay[rows] + far * slowness, velocity * slowness, np.zeros(n), np.ones(n))
+    return Measurements(
         tuple(stations), rows, scene.time[rows], far, velocity, scene.start_delay[rows], scene.phase[:, rows], [path]
     )
 

@@ -378,7 +378,7 @@ def test_report_tells_numbers_and_every_failure(tmp_path):
     for words in (
         RUN.command,
         '| seed | 7 |',
-        'have not been made',
+        'have not been run',
         '15 of the 4624 cases of the list (full)',
         '| cases run | 15 |',
     ):
@@ -387,7 +387,7 @@ def test_report_tells_numbers_and_every_failure(tmp_path):
     assert re.findall(r'recording_\d+', failures) == [f'recording_{n:04d}' for n in BAD]
     assert re.findall(r'recording_\d+', small) == ['recording_0006']
     assert 'echo [excess_range 7' in failures and 'explained: delay_offset' in failures
-    assert '7.2 sigma apart from the truth' in failures
+    assert '7.2 sigma from the truth |' in failures
     ambiguous = text.partition('## Ambiguous')[2].partition('\n## ')[0]
     assert 'count both references / 1 of 1, by 5.5 sigma at least' in ambiguous.replace(' | ', ' / ')
     assert 'reference instrument checked: explained' in ambiguous
@@ -440,7 +440,7 @@ def test_imitated_cases_are_shown_and_left_out_of_the_rate(tmp_path):
     assert '| phase_jump | 12 | 1 of 1: 100% (2.5% to 100%) | 1 imitated |' in text
     told = {goal.what: goal for goal in goals(RECORDS)}
     assert told['outside the registry, d >= 10, unexplained, not imitated'].measured == '100% (1 of 1)'
-    assert '3.2 sigma cannot be told from the truth' in text
+    assert '3.2 sigma from the truth, not separable' in text
 
 
 def test_intervals_hold_the_rate_and_theory_its_level():

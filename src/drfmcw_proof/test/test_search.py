@@ -1,6 +1,5 @@
-"""Search for effects: what an explanation may follow, effects that nearly cancel, movement, work in processes."""
+"""Search for effects: what an explanation may follow, effects that nearly cancel, movement."""
 
-import functools
 
 import numpy as np
 import pytest
@@ -10,13 +9,12 @@ from hypothesis import strategies as st
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.features.extractor import BURST
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import RECIPES, Candidate
+from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.rivals import rivals, widened
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
-from drfmcw_diagnosis.search.workers import Workers
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
 from drfmcw_proof.cases.draws import Extent, random_condition
@@ -148,7 +146,7 @@ def test_what_is_told_of_neither_of_two_effects_makes_four_explanations(tmp_path
 
 def _place(misfit, step, std):
     """An explanation by one settling."""
-    recipe, values = RECIPES['pll_settling'][0], {'step': step}
+    recipe, values = Effect.registry['pll_settling'].recipes[0], {'step': step}
     effect = FittedEffect(Candidate('pll_settling', 'master', recipe, values), values, {'step': std})
     return Fitted((effect,), misfit, np.zeros(3), 0.0)
 
@@ -212,17 +210,3 @@ def test_a_line_beyond_nyquist_is_left_out(tmp_path):
     numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
     # as above
     assert chi_square(comparison, 'ramp') < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
-
-
-def _power(items, number):
-    if number == len(items):
-        raise ValueError(f'no item {number}')
-    return items[number] ** 2
-
-
-@pytest.mark.parametrize('count', [1, 2, 7])
-def test_shared_work_is_the_same_work(count):
-    items = list(range(5))
-    assert Workers(count).map(functools.partial(_power, items), range(5)) == [i**2 for i in items]
-    with pytest.raises(ValueError, match='no item 5'):
-        Workers(count).map(functools.partial(_power, items), range(6))

@@ -16,7 +16,7 @@ from scipy.signal import hilbert
 
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effect_table import example_of
-from drfmcw_sim.effects import Effect, effect_from_mapping
+from drfmcw_sim.effects import Effect, Of, effect_from_mapping
 from drfmcw_sim.scenario import scenario_from_mapping
 from drfmcw_sim.signal_model import draw_sweeps, synthesise
 from drfmcw_sim.timeline import Timeline
@@ -188,7 +188,7 @@ def test_effect_is_declared(name):
     cls = Effect.registry[name]
     assert len(inspect.getsource(inspect.getmodule(cls)).splitlines()) < 70
     assert cls.__doc__ and cls.formula and '\n' not in cls.formula and cls.example
-    assert set(cls.acts_on.split(', ')) <= {'clock', 'phase', 'delay', 'amplitude', 'noise', 'samples', 'reference'}
+    assert cls.acts_on and cls.headline and cls.title and isinstance(cls.of, Of)
     for parameter, (_, declared) in declared_parameters(cls).items():
         assert declared.description and declared.unit, parameter
         assert math.isfinite(sum(declared.bounds)), parameter

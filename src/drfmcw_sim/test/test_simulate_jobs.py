@@ -95,7 +95,7 @@ def test_killed_rendering_process_is_told_in_one_line(tmp_path):
     _, said = process.communicate(timeout=LIMIT)
     assert process.returncode == 2
     assert len(said.strip().splitlines()) == 1
-    assert 'process was killed' in said
+    assert 'killed by SIGKILL' in said
     assert not list(tmp_path.iterdir())
 
 

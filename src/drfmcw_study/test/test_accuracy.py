@@ -11,11 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import scene
 
-from drfmcw_node.estimation import EstimatorSettings, Flag
-from drfmcw_node.estimators import estimator
-from drfmcw_node.pair import PairEstimator
-from drfmcw_node.pair_processing import PairProcessor
-from drfmcw_node.processing import StationProcessor, Sweep
+from drfmcw_node.estimators.estimation import EstimatorSettings, Flag
+from drfmcw_node.estimators.pair import PairEstimator
+from drfmcw_node.estimators.registry import estimator
+from drfmcw_node.processing.pair_processor import PairProcessor
+from drfmcw_node.processing.processor import StationProcessor
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, Role, SweepSettings

@@ -19,7 +19,7 @@ from scenes import mapping, record, scene
 
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode
@@ -27,7 +27,10 @@ from drfmcw_study.measurement import measure
 from drfmcw_study.monte_carlo import main
 from drfmcw_study.points import grid, try_point, values_of
 from drfmcw_study.summary import summarise
-from drfmcw_study.trials import Moments, ResultDirectory, Study, StudyStopped, point_seed, run
+from drfmcw_study.trials.moments import Moments
+from drfmcw_study.trials.results import ResultDirectory
+from drfmcw_study.trials.running import run
+from drfmcw_study.trials.study import Study, StudyStopped, point_seed
 
 MODULES = [str(Path(__file__).parent), str(ROOT / 'test')]
 """Where a worker finds this module and what it imports."""

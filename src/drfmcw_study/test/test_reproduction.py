@@ -6,7 +6,7 @@ import pytest
 from checkout import ROOT
 from scipy.stats import chi2
 
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.sweep import Mode
 from drfmcw_study import claims, reproduce
 from drfmcw_study.experiments import NOISE_FLOORS, Point, Run, predict, simulate_all, site

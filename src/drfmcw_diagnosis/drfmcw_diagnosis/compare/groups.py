@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import Extractor, SweepFeatures
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
+from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import mean_power, quiet_sweeps, ramp_spectrum, unevenness
 from .groups import Groups, Part, acted
@@ -55,11 +54,11 @@ class Predictor:
         for recorded in self._recorded.parts:
             part, reference = self._placed(recorded, effects)
             state = acted(part, effects)
-            features = self._simulated.mean(part, [e for e in effects if not e.bursts()])
+            features = self._simulated.mean(part, [e for e in effects if not e.bursts])
             displacement = self._displacement(part, effects)
             quiet, shared = self.noise.predicted(part, state, effects, features.line)
             velocity = self._velocity(part.steady, effects)
-            distorting = any(e.distorts() for e in effects)
+            distorting = any(e.distorts for e in effects)
             if distorting:
                 changed, harmonic, piled = self._distortion(part, effects)
                 harmonic = self.plain.harmonic[part.groups] + harmonic
@@ -67,7 +66,7 @@ class Predictor:
                 harmonic = self.plain.harmonic[part.groups] if effects else features.harmonic
                 piled = np.zeros((len(part.groups), len(self._recorded.heard)))
             burst = np.zeros((len(part.groups), len(self._recorded.heard), 3))
-            if any(e.bursts() for e in effects):
+            if any(e.bursts for e in effects):
                 burst, louder = self._bursts(part, effects)
                 quiet = quiet + louder
             if not effects:
@@ -114,7 +113,7 @@ class Predictor:
         """
         result = np.zeros(self._std.flutter.shape)
         for part in self._recorded.parts:
-            ramp = ramp_spectrum(self._simulated.copies(part, [e for e in effects if not e.bursts()], 2)[0].ramp)
+            ramp = ramp_spectrum(self._simulated.copies(part, [e for e in effects if not e.bursts], 2)[0].ramp)
             result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
         return result / self._std.flutter
 
@@ -169,7 +168,7 @@ class Predictor:
         """
         reading = self._reference(part, effects)
         error = reading - part.steady.range
-        if not error.any() or not any('delay' in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
+        if not error.any() or not any(ActsOn.DELAY in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
             return part, reading
         steady = part.steady.rows(slice(None))
         steady.range -= error
@@ -191,7 +190,7 @@ class Predictor:
 
     def _velocity(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
         """Return the slope that the reference shows in each group [m/s] (G,): it sees the crane drive, not sway."""
-        driving = [effect for effect in effects if effect.name == 'target_motion']
+        driving = [effect for effect in effects if effect.motion is Motion.DRIVE]
         if not driving:
             return m.velocity
         driven = m.rows(slice(None))
@@ -202,7 +201,7 @@ class Predictor:
     def _displacement(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return the movement within each group beyond what the reference shows [m], one group after another."""
         # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
-        moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
+        moving = [e for e in effects if ActsOn.DELAY in e.acts_on and e.of is Of.PATH and e.stage != Stage.GEOMETRY]
         if not moving:
             return np.zeros(len(part.all))
         moved = part.all.rows(slice(None))

@@ -23,7 +23,6 @@ _HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
 _HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
 _COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
 _PILED_TRUST = 0.05  # of samples at a limit, which follow amplitudes that scatter from sweep to sweep
-_CLOCK_DOUBT = 0.05  # of the coherence for each ppm by which ADC clocks run apart: noise is compared sample by sample
 _FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
 _FLUTTER_WIDTH = 5  # terms over which it may be displaced
 _BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
@@ -153,7 +152,7 @@ class Fitting:
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
-        limits = [self.bounds(chosen[i].effect, name) for i, name in names]
+        limits = [self.bounds(chosen[i], name) for i, name in names]
         prior = np.array([chosen[i].prior(name) for i, name in names])
         y = self.comparison.residual
 
@@ -215,7 +214,7 @@ class Fitting:
 
     def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
         """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
-        if not any(Effect.registry[c.effect].bursts() for c in chosen):
+        if not any(c.kind.bursts for c in chosen):
             return self._weight
         doubt = np.where(self.comparison.entries.where(kind=('burst', 'noise')), _BURSTS_TRUST * np.abs(template), 0.0)
         return self._weight / np.sqrt(1.0 + doubt**2)
@@ -223,14 +222,14 @@ class Fitting:
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""
         step = candidate.recipe.step(name, value)
-        return -step if value + step > self.bounds(candidate.effect, name)[1] else step
+        return -step if value + step > self.bounds(candidate, name)[1] else step
 
-    def bounds(self, effect: str, name: str) -> tuple[float, float]:
-        """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
+    def bounds(self, candidate: Candidate, name: str) -> tuple[float, float]:
+        """Return the bounds of a parameter: as declared, and a time no longer than the recording if the recipe says."""
         base = name.partition('[')[0]
-        _, declared = declared_parameters(Effect.registry[effect])[base]
+        _, declared = declared_parameters(candidate.kind)[base]
         low, high = declared.bounds or (-math.inf, math.inf)
-        if base == 'time_constant':  # what takes much longer than the recording is an offset or a steady drift
+        if base in candidate.recipe.within_recording:
             high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
         return low, high
 
@@ -249,12 +248,14 @@ class Fitting:
             return np.zeros(len(entries.kind))
         lines, size = entries.where(kind='lines'), np.abs(fitted.template)
         trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
-        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
-        clocks = [e.values['deviation'] for e in fitted.effects if e.candidate.effect == 'sample_clock_offset']
-        size[entries.where(kind='coherence')] += _CLOCK_DOUBT / self.comparison.known.trust * sum(map(abs, clocks))
+        kinds = [e.candidate.kind for e in fitted.effects]
+        for effect in fitted.effects:
+            for name, doubt in effect.candidate.recipe.incoherence.items():
+                doubted = doubt / self.comparison.known.trust * abs(effect.values[name])
+                size[entries.where(kind='coherence')] += doubted
         flutter = entries.where(kind='flutter')
         size[flutter], trust[flutter] = self._changing(fitted), _FLUTTER_TRUST
-        if any(e.distorts() for e in registered):
+        if any(kind.distorts for kind in kinds):
             # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
             bins = self.comparison.measured.lines.shape[-1]
             size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
@@ -263,7 +264,7 @@ class Fitting:
             trust[entries.where(kind='piled')] = _PILED_TRUST
             # the stronger sweeps are distorted more, so harmonics come and go as bursts do
             size[entries.where(kind='burst', station=self._distorted(fitted))] = np.inf
-        if any(e.bursts() for e in registered):
+        if any(kind.bursts for kind in kinds):
             trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
             # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
             return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
@@ -272,13 +273,13 @@ class Fitting:
     def _distorted(self, fitted: Fitted) -> list[int]:
         """Return the numbers of the receivers that an explanation distorts."""
         receivers = self.comparison.receivers
-        distorting = [e.key for e in fitted.effects if Effect.registry[e.candidate.effect].distorts()]
+        distorting = [e.key for e in fitted.effects if e.candidate.kind.distorts]
         return [i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting)]
 
     def _changing(self, fitted: Fitted) -> np.ndarray:
         """Return how far flutter may be off, as an explanation makes the ramp change with the phase of each sweep."""
         c = self.comparison
-        if any(e.distorts() or e.bursts() for e in (Effect.registry[f.candidate.effect] for f in fitted.effects)):
+        if any(kind.distorts or kind.bursts for kind in (e.candidate.kind for e in fitted.effects)):
             return np.full(c.measured.flutter.size, np.inf)
         count = np.maximum((np.array([len(m) for m in c.members])[:, None, None] - 1) / 2, 0.5)
         ratio = 1.0 + maximum_filter1d(c.changing([e.build() for e in fitted.effects]), _FLUTTER_WIDTH, axis=-1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError
 
-from .processing import Sweep
+from ..processing.records import Sweep
 
 VERSION = 1
 MAGIC = b'DRFS'

@@ -8,8 +8,9 @@ import numpy as np
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Role
 
-from .pair import PairEstimator, pair_estimator
-from .processing import Beat, Spectrum, StationProcessor, Sweep, refusal, wanted_spectra
+from ..estimators.pair import PairEstimator, pair_estimator
+from .processor import StationProcessor, refusal, wanted_spectra
+from .records import Beat, Spectrum, Sweep
 
 _WAITING_LIMIT = 4096  # sweeps that wait for their partner
 _LARGEST_STAMP_DIFFERENCE = 1_000_000_000  # of partners; beyond it one number stands for two runs [ns]

@@ -15,7 +15,7 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 
 from .feed import Frame, decode_requests, encode, encode_fragments
-from .sources import recorded_frames
+from .recording import recorded_frames
 
 _RETRY = 1.0  # [s]
 

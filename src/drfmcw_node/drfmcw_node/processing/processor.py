@@ -6,7 +6,6 @@ estimate is independent of the batch, both give the same numbers to the last bit
 
 import collections
 import contextlib
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -18,59 +17,9 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
-from .estimation import Estimates, Estimator, EstimatorSettings, Flag
-from .estimators import estimator
-
-_EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
-_EARLY_COUNT = 4000  # and how many of them
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Sweep:
-    """One sweep's samples of one station; the fields of IfSamples."""
-
-    station: str
-    peer: str
-    sweep_id: int
-    full_scale: float  # [LSB]
-    iq: bool
-    samples: np.ndarray  # int16, or array.array('h')
-    stamp: int  # start of the sweep [ns]
-    frame_id: str = ''
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Beat:
-    """What a station estimated from one sweep; the fields of BeatFrequency."""
-
-    station: str
-    peer: str
-    sweep_id: int
-    flags: int
-    frequency: float  # [Hz]
-    frequency_std: float  # [Hz]
-    phase: float  # [rad]
-    power: float  # [dBm]
-    snr: float  # [dB]
-    stamp: int  # [ns]
-    frame_id: str = ''
-    independent_std: float = math.nan  # [Hz]
-    window: str = ''
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Spectrum:
-    """Magnitude spectrum of one sweep; the fields of IfSpectrum."""
-
-    station: str
-    peer: str
-    sweep_id: int
-    window: str
-    start_frequency: float  # [Hz]
-    frequency_step: float  # [Hz]
-    magnitude: np.ndarray  # float32 [dBFS]
-    stamp: int  # [ns]
-    frame_id: str = ''
+from ..estimators.estimation import Estimates, Estimator, EstimatorSettings, Flag
+from ..estimators.registry import estimator
+from .records import Beat, Spectrum, Sweep
 
 
 class StationProcessor:
@@ -207,36 +156,6 @@ def _holding(history: History | None, stamp: int) -> Any:
     """Return the value that holds at `stamp`, None where none does."""
     found = history.at(stamp) if history is not None else None
     return None if found is None else found[1]
-
-
-class EarlySweeps:
-    """Sweeps that came before the settings and calibrations they need.
-
-    Topics have no order among each other: after a start, sweeps may overtake latched settings.
-    """
-
-    def __init__(self, processor: StationProcessor) -> None:
-        """Start with none; `processor` knows which settings have arrived."""
-        self._processor = processor
-        self._waiting: list[Sweep] = []
-        self._since = math.inf
-
-    def release(self, sweeps: Sequence[Sweep], now: float) -> list[Sweep]:
-        """Return the sweeps to process now; those that waited too long are among them, to be dropped and counted.
-
-        Args:
-            sweeps: that have just come.
-            now: on any clock that runs on [s].
-        """
-        ready, waiting = [], []
-        for sweep in [*self._waiting, *sweeps]:
-            (ready if self._processor.has_settings(sweep) else waiting).append(sweep)
-        self._since = min(self._since, now) if waiting else math.inf
-        if now - self._since > _EARLY_LIMIT or len(waiting) > _EARLY_COUNT:
-            ready, waiting = sorted([*waiting, *ready], key=lambda s: s.sweep_id), []
-            self._since = math.inf
-        self._waiting = waiting
-        return ready
 
 
 def wanted_spectra(sweeps: Sequence[Sweep], every: int) -> np.ndarray | None:
