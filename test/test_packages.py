@@ -75,6 +75,12 @@ def declared(package: Path, *kinds: str) -> set[str]:
     return {str(element.text) for kind in kinds for element in tree.iter(kind)}
 
 
+def differences(have: set[str], need: set[str]) -> dict[str, list[str]]:
+    """What package.xml lacks and what it has too much."""
+    both = {'missing': sorted(need - have), 'superfluous': sorted(have - need)}
+    return {how: names for how, names in both.items() if names}
+
+
 def code_of(package: Path) -> list[Path]:
     """Modules and launch files of a package."""
     return sorted([*package.glob(f'{package.name}/**/*.py'), *package.glob('launch/*.py')])
@@ -83,9 +89,9 @@ def code_of(package: Path) -> list[Path]:
 @pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
 def test_package_xml_names_what_is_imported_and_nothing_else(package):
     run = needed(package, code_of(package)) | NOT_IMPORTED.get(package.name, set())
-    assert declared(package, 'depend', 'exec_depend') == run
+    assert differences(declared(package, 'depend', 'exec_depend'), run) == {}
     tests = needed(package, sorted(package.glob('test/*.py'))) | EVERY_TEST
-    assert declared(package, 'test_depend') == tests - run
+    assert differences(declared(package, 'test_depend'), tests - run) == {}
 
 
 @pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
