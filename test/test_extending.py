@@ -5,7 +5,6 @@ import json
 import re
 import shlex
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
@@ -21,8 +20,7 @@ def blocks(section):
     """(language, code) of each block of a section."""
     text = PAGE.read_text(encoding='utf-8')
     (text,) = re.findall(rf'^## {section}\n(.*?)(?=^## |\Z)', text, re.DOTALL | re.MULTILINE)
-    found = re.findall(r'^( *)```(\w+)\n(.*?)^\1```', text, re.DOTALL | re.MULTILINE)
-    return [(language, textwrap.dedent(code)) for _, language, code in found]
+    return re.findall(r'^```(\w+)\n(.*?)^```', text, re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture
