@@ -11,7 +11,7 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters, nea
 from drfmcw_sim.effects import Effect
 
 from .compare.comparison import Comparison
-from .compare.known import FEWEST
+from .compare.limits import SCATTER
 from .finding.refined import write_scenario
 from .finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, NextMeasurement
 from .finding.views import locations, misfit_map, remainder, separability, series
@@ -149,9 +149,9 @@ def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     fitted, held = [], []
     for g in np.unique(data.group):
         rows = np.flatnonzero(data.group == g)
-        at = max(FEWEST, round(_FITTED_SHARE * len(rows)))
+        at = max(SCATTER.fewest, round(_FITTED_SHARE * len(rows)))
         fitted.append(rows[:at])
-        if len(rows) - at >= FEWEST:
+        if len(rows) - at >= SCATTER.fewest:
             held.append(rows[at:])
     return np.concatenate(fitted), np.concatenate(held) if held else np.array([], int)
 

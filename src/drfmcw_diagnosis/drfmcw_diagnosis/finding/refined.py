@@ -266,7 +266,7 @@ def _reference(dataset: Dataset) -> dict[str, Any]:
 
 def _start_delay_jitter(dataset: Dataset) -> float:
     """Return the standard deviation of the true T_off from sweep to sweep, as both lines tell it together [s]."""
-    if len(dataset.stations) == 1 or any(s is None for s in dataset.samples):
+    if not dataset.topology.both_heard:
         return TimingSettings().start_delay_jitter
     variances = []
     for rows in _sizeable_groups(dataset):

@@ -23,7 +23,6 @@ SWEEPS = 12
 """Sweep pairs at each distance, at most."""
 
 _HEADROOM = 6.0  # by which a strong signal is attenuated below full scale [dB]
-_AVERAGED = ('ramp', 'lines', 'mean', 'range', 'velocity')  # kinds of numbers that more sweeps tell better
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,10 +153,10 @@ class _Sweeps(Measurement):
             return None
         made = supposed(comparison, conditions)
         spread = self.spread(made)
-        for kind in ('range', 'velocity', 'amplitude', 'noise'):
-            told = np.isfinite(getattr(comparison.std, kind)).any()
-            if not told and (kind != 'range' or conditions.referenced):
-                spread[made.entries.where(kind=kind)] = np.inf
+        for kind in comparison.kinds:
+            told = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
+            if not told and (not kind.needs_reference or conditions.referenced):
+                spread[made.rows(kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:
             acting = [self.acting(_at(e, conditions.groups), comparison) for e in effects]
@@ -244,7 +243,7 @@ class OtherStartDelay(_Sweeps):
 
     def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the T_off with which most distances can be measured."""
-        if len(comparison.data.stations) < 2:
+        if comparison.data.topology.hears_itself:
             return None
         same = _same(comparison, places)
         best: list[tuple[int, tuple[SweepSettings, ...]]] = []
@@ -341,7 +340,7 @@ class Exchanged(_Sweeps):
 
     def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the recording's conditions; None where a station hears itself."""
-        return _same(comparison, places) if len(comparison.data.stations) == 2 else None
+        return _same(comparison, places) if comparison.data.topology.is_pair else None
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what the station did."""
@@ -360,6 +359,8 @@ class MoreSweeps(Measurement):
 
     def view(self, comparison: Comparison, places: int) -> View:
         """Return what effects add to the additional sweeps; limits of the model do not average out."""
-        entries = comparison.entries
-        scale = np.where(entries.where(kind=_AVERAGED), math.sqrt(self.times - 1.0), 0.0)
+        scale = np.zeros(len(comparison.residual))
+        for kind in comparison.kinds:
+            if kind.averages:
+                scale[comparison.rows(kind)] = math.sqrt(self.times - 1.0)
         return View(lambda effects: comparison.template(effects) * scale, comparison)

@@ -27,6 +27,7 @@ from drfmcw_sim.signal_model import Measurements
 
 from .conditions import WEATHER, Conditions
 from .grouping import groups, slopes
+from .topology import Topology
 
 PAIRING = 1_000_000_000
 """Largest difference of both stations' stamps of one sweep [ns]."""
@@ -80,6 +81,22 @@ class Dataset:
     def __len__(self) -> int:
         """Return the number of sweeps."""
         return len(self.sweep_id)
+
+    @functools.cached_property
+    def topology(self) -> Topology:
+        """Which stations take part, and which of them have samples."""
+        return Topology(self.stations, tuple(i for i, x in enumerate(self.samples) if x is not None), self.iq)
+
+    def samples_of(self, station: int) -> np.ndarray:
+        """Return the samples of a station by its number.
+
+        Raises:
+            ValueError: it has none.
+        """
+        samples = self.samples[station]
+        if samples is None:
+            raise ValueError(f"station '{self.stations[station]}' has no samples")
+        return samples
 
     @functools.cached_property
     def time(self) -> np.ndarray:
