@@ -23,8 +23,12 @@ PAGE = HERE.parent / 'docs/extending.md'
 
 def blocks(section):
     """The code of each block of a section."""
-    (text,) = re.findall(rf'^## {section}\n(.*?)(?=^## |\Z)', PAGE.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE)
-    return [textwrap.dedent(code) for _, code in re.findall(r'^( *)```\w+\n(.*?)^\1```', text, re.DOTALL | re.MULTILINE)]
+    (text,) = re.findall(
+        rf'^## {section}\n(.*?)(?=^## |\Z)', PAGE.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE
+    )
+    return [
+        textwrap.dedent(code) for _, code in re.findall(r'^( *)```\w+\n(.*?)^\1```', text, re.DOTALL | re.MULTILINE)
+    ]
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ def diagnose_dataset(
         alternatives = rivals(search, found, result.exchanged)
         verdict, chosen = ('ambiguous' if alternatives else 'explained'), found
     deciding: tuple[NextMeasurement, ...] = ()
-    if alternatives:
+    if found is not None and alternatives:
         report('measurements that would decide', 0.93)
         deciding = ranked(search, found, alternatives)
     report('held-out sweeps', 0.95)

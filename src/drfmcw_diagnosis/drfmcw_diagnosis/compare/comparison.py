@@ -79,7 +79,7 @@ class Comparison:
         # the least noise, and not what an uneven converter adds to it
         noise = np.fmin(self.measured.noise, self.plain.noise)
         least = 10.0 ** (np.nan_to_num(np.nanmin(np.nanmedian(noise, axis=2), axis=0), nan=-np.inf) / 20.0)
-        return tuple(evenness(self.data.samples[i][rows], n) for i, n in zip(self.heard, least, strict=True))
+        return tuple(evenness(self.data.samples_of(i)[rows], n) for i, n in zip(self.heard, least, strict=True))
 
     def _layout(self) -> tuple[Entries, dict[str, np.ndarray]]:
         """Return what each number of the vector is, and where each kind's numbers stand in it, by its name.
@@ -151,4 +151,5 @@ class Comparison:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
         # apart, as a distortion or a burst takes many sweeps to simulate
         apart = [tuple(e for e in effects if (e.distorts(), e.bursts()) == kind) for kind in _SIMULATED_APART]
-        return sum(self._vector(self.predict(part)) for part in apart if part) if effects else self._vector(self.plain)
+        vectors = (self._vector(self.predict(part)) for part in apart if part)
+        return functools.reduce(np.add, vectors, np.zeros(len(self.residual))) if effects else self._vector(self.plain)

@@ -236,7 +236,7 @@ class Predictor:
         m = part.steady
         slope = np.where(self.recorded.standing, 0.0, self.recorded.slope)[part.groups]
 
-        def distance_at(time):
+        def distance_at(time: np.ndarray | float) -> np.ndarray:
             return m.range + slope * (time - m.time)
 
         reading = m.range.copy()

@@ -121,14 +121,16 @@ class RecordedSweeps:
         """Take the features of all members' sweeps."""
         data = self.data
         self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
-        self.sweeps: list[SweepFeatures] = [None] * len(self.members)
-        self.shares: list[np.ndarray] = [None] * len(self.members)
+        sweeps: dict[int, SweepFeatures] = {}
+        shares: dict[int, np.ndarray] = {}
         for part in self.parts:
             for g in part.groups:
                 samples = tuple(data.samples_of(i)[self.members[g]] for i in self.heard)
                 scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
-                self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
-                self.shares[g] = part.extract.shared_noise(samples, self.sweeps[g])
+                sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
+                shares[g] = part.extract.shared_noise(samples, sweeps[g])
+        self.sweeps = [sweeps[g] for g in range(len(self.members))]
+        self.shares = [shares[g] for g in range(len(self.members))]
 
     def _sound(self, group: int) -> np.ndarray:
         """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).

@@ -24,6 +24,7 @@ movement; where it hears itself, most of its oscillator's noise cancels with the
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import overload
 
 import numpy as np
 import scipy.fft
@@ -362,12 +363,16 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
     return close | (axis < _EDGE * width) | (axis > rate / 2 - _EDGE * width)
 
 
-def gaussian(ratio: np.ndarray, count: int | np.ndarray) -> np.ndarray:
+def gaussian(ratio: np.ndarray, count: float | np.ndarray) -> np.ndarray:
     """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
     return (np.cbrt(ratio) - np.cbrt(median_of_mean(count))) * np.sqrt(9.0 * count)
 
 
-def median_of_mean(count: int | np.ndarray) -> float | np.ndarray:
+@overload
+def median_of_mean(count: float) -> float: ...
+@overload
+def median_of_mean(count: np.ndarray) -> np.ndarray: ...
+def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
     """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
     return (1.0 - 1.0 / (9.0 * count)) ** 3
 

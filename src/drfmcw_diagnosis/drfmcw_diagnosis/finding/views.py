@@ -52,15 +52,15 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
     excess |= {(None, station): codes.excess for station, codes in uneven.items()}
     total = sum(excess.values())
     found = []
-    for (kind, station), amount in sorted(excess.items(), key=lambda item: -item[1]):
+    for (which, station), amount in sorted(excess.items(), key=lambda item: -item[1]):
         if total <= 0.0 or amount < _SHOWN * total:
             continue
-        if kind is None:  # codes of the ADC
+        if which is None:  # codes of the ADC
             low, high = uneven[station].low, uneven[station].high
             found.append(Location('if_samples', c.receivers[station], 'adc_code', low, high, amount / total))
             continue
-        rows = c.rows(kind, station)
-        x, squares = kind.profile(c.recorded, c.residual[rows], c.entries.position[rows])
+        rows = c.rows(which, station)
+        x, squares = which.profile(c.recorded, c.residual[rows], c.entries.position[rows])
         order = np.argsort(x)
         weight = np.cumsum(np.maximum(squares[order] - np.median(squares), 0.0))
         low, high = x[order][0], x[order][-1]
@@ -69,7 +69,9 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
                 x[order][np.searchsorted(weight, q * weight[-1]).clip(0, len(x) - 1)]
                 for q in ((1 - _CENTRAL) / 2, (1 + _CENTRAL) / 2)
             )
-        found.append(Location(kind.level, _name(c, kind, station), kind.axis, float(low), float(high), amount / total))
+        found.append(
+            Location(which.level, _name(c, which, station), which.axis, float(low), float(high), amount / total)
+        )
     return tuple(found)
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
     per_delay = comparison.parts[0].extract.beat_per_start_delay
     jitter = [np.var(s.beat) / per_delay**2 for s in comparison.sweeps]
     scatter = [np.var(s.amplitude, axis=0).mean() for s in comparison.sweeps]
-    samples: list[np.ndarray | None] = [None] * len(data.stations)
+    samples: dict[int, np.ndarray] = {}
     for setting in range(len(distinct)):
         chosen = np.flatnonzero(made.setting == setting)
         nominal = made.nominal(chosen)
@@ -97,10 +98,10 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
         for i, values in enumerate(synthesise(nominal, 0)):
             if data.samples[i] is None:
                 continue
-            if samples[i] is None:
+            if i not in samples:
                 samples[i] = np.empty((len(rows), values.shape[1]), values.dtype)
             samples[i][chosen] = values
-    made = dataclasses.replace(made, samples=tuple(samples))
+    made = dataclasses.replace(made, samples=tuple(samples.get(i) for i in range(len(data.stations))))
     if not conditions.referenced:
         return Comparison(dataclasses.replace(made, reference_std=np.zeros(len(rows))))
     noise = np.concatenate([_scatter(data, m) for m in members])
@@ -173,7 +174,7 @@ def _at(effect: Effect, groups: Sequence[int]) -> Effect:
     return dataclasses.replace(effect, velocity=tuple(velocity[g] for g in groups))
 
 
-def _same(comparison: Comparison, places: int, **changes) -> Conditions:
+def _same(comparison: Comparison, places: int, **changes: Any) -> Conditions:
     """Return the recording's own conditions at some of its distances."""
     data, members = comparison.data, comparison.members
     groups = np.unique(np.linspace(0, len(members) - 1, min(places, len(members))).round().astype(int))
@@ -279,7 +280,9 @@ class FurtherAway(_Sweeps):
         old = data.sweeps[data.setting[members[group][0]]]
         timed = (_timed(comparison, old, factor * old[0].start_delay, distance) for factor in (1.0, 0.5, 0.25, 2.0))
         sweeps = next((s for s in timed if s is not None), None)
-        return sweeps and _same(comparison, places, groups=(group,), distance=(distance,), sweeps=(sweeps,))
+        if sweeps is None:
+            return None
+        return _same(comparison, places, groups=(group,), distance=(distance,), sweeps=(sweeps,))
 
 
 @dataclasses.dataclass(frozen=True)

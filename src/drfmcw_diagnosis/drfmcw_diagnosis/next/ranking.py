@@ -80,7 +80,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
 
 def _condensed(chosen: _Prediction, rival: _Prediction) -> np.ndarray:
     """Return the rival's slopes and the difference to be explained as columns of few rows, with the same products."""
-    return np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r')
+    return np.asarray(np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r'))
 
 
 def _misfit(condensed: np.ndarray) -> float:

@@ -298,7 +298,10 @@ def assembled(
     matched = _matched(path, stations, of_station, said)
     present = [[s for s in m if s is not None] for m in matched]
     heard = np.array([p[0].stamp for p in present])
-    late = [0.0 if m[0] else conditions.settings_at(stations, m[1].stamp)[1].start_delay for m in matched]
+    late = [
+        0.0 if m[0] else conditions.settings_at(stations, p[0].stamp)[1].start_delay
+        for m, p in zip(matched, present, strict=True)
+    ]
     stamp = heard - np.rint(np.array(late) * 1e9).astype(np.int64)
     held = [conditions.settings_at(stations, int(instant)) for instant in heard]
     settings = {repr(s): s for s in dict.fromkeys(held)}  # unlike NaN, its name equals itself
@@ -311,7 +314,7 @@ def assembled(
         path=path,
         stations=stations,
         samples=tuple(
-            np.stack([np.asarray(m[i].samples) for m in matched]) if of_station[station] else None
+            np.stack([np.asarray(s.samples) for m in matched if (s := m[i])]) if of_station[station] else None
             for i, station in enumerate(stations)
         ),
         full_scale=np.array(
@@ -379,7 +382,7 @@ def _matched(
     partners: dict[int, list[Sweep]] = {}
     for sweep in second:
         partners.setdefault(sweep.sweep_id, []).append(sweep)
-    matched = []
+    matched: list[tuple[Sweep | None, ...]] = []
     for sweep in first:
         same = partners.get(sweep.sweep_id, [])  # several where numbers begin again
         nearest_one = min(same, key=lambda other: abs(other.stamp - sweep.stamp), default=None)

@@ -1,7 +1,6 @@
 """Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -63,7 +62,8 @@ class Fitted:
 
     def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
         """Return the same with what `Search.settled` says of the first effects."""
-        pairs = itertools.zip_longest(self.effects, told, fillvalue={})
+        rest: list[dict[str, tuple[float, float]]] = [{}] * (len(self.effects) - len(told))
+        pairs = zip(self.effects, [*told, *rest], strict=True)
         return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
 
     @property

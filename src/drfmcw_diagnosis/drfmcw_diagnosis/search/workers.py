@@ -5,13 +5,13 @@ import dataclasses
 import multiprocessing
 import signal
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar('T')
 R = TypeVar('R')
 
-_function: Callable | None = None
-_items: Sequence = ()
+_work_on: Callable[[Any], Any] = repr
+_items: Sequence[Any] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Workers:
             return list(pool.map(_work, range(len(items))))
 
 
-def _begin(function: Callable, items: Sequence) -> None:
-    global _function, _items  # noqa: PLW0603 of a process that does nothing else
+def _begin(function: Callable[[Any], Any], items: Sequence[Any]) -> None:
+    global _work_on, _items  # noqa: PLW0603 of a process that does nothing else
     for number in (signal.SIGINT, signal.SIGTERM):  # whoever started this one may handle them otherwise
         signal.signal(number, signal.SIG_DFL)
-    _function, _items = function, items
+    _work_on, _items = function, items
 
 
-def _work(number: int):
-    return _function(_items[number])
+def _work(number: int) -> Any:
+    return _work_on(_items[number])

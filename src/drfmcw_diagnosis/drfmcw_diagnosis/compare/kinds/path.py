@@ -140,8 +140,8 @@ class Movement(Kind):
         """Return movements over the time [s]."""
         known = np.isfinite(shown.std)
         time = shown.recorded.data.time[np.concatenate(shown.recorded.members)]
-        values = (v[known] for v in (shown.residual, shown.std, shown.curve))
-        return Plotted(time[known], *values, self.unit)
+        residual, std, curve = (v[known] for v in (shown.residual, shown.std, shown.curve))
+        return Plotted(time[known], residual, std, curve, self.unit)
 
 
 BEAT = BeatSum(
