@@ -43,6 +43,7 @@ from drfmcw_physics.sweep import SweepSettings
 from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
 from . import adc_codes, coherence
+from .limits import SPECTRUM
 
 BANDS = 8
 """Bands of equal width in which the noise is compared."""
@@ -56,15 +57,8 @@ SPAN = 64
 BURST = 2.2
 """Times the median power, which no span of steady noise reaches."""
 
-_SPAN_SHARE = 0.1  # of the window's largest power that a span must have
-_FREE_SWEEPS = 3  # without a burst, that tell the noise between bursts
-_CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
-_BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
 LINE = 64
 """Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
-
-_EDGE = 32  # bins next to 0 Hz and to the Nyquist frequency that are not compared
-_MEDIAN = 65  # bins over which the noise around a narrow line is taken
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,10 +102,12 @@ class Extractor:
         self.beat_per_start_delay = topology.beat_per_start_delay(sweeps)
         self.estimator: PairEstimator | SingleEstimator
         if topology.both_heard:
-            self.estimator = PairEstimator(*sweeps, settings, iq, *calibrations, blocks=_BLOCKS, chirp_known=False)
+            self.estimator = PairEstimator(
+                *sweeps, settings, iq, *calibrations, blocks=SPECTRUM.blocks, chirp_known=False
+            )
         else:
             calibrated = calibrations[own], calibrations[-1 - own]
-            self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, _BLOCKS)
+            self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, SPECTRUM.blocks)
         window = self.estimator.stations[0].duration
         self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)  # deviation of mid-window phase per slope
         self.window_power = tuple(s.meter.window_power for s in self.estimator.stations)
@@ -298,7 +294,7 @@ class Extractor:
             # in cycles per sample, between -1/2 and 1/2
             at, own = ((f + 0.5) % 1.0 - 0.5 for f in (multiple * frequency / rate, frequency / rate))
             apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
-            found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
+            found.append(np.where(apart * len(weights) < SPECTRUM.clear, np.nan, value))
         stacked = np.stack(found, axis=1)
         return np.concatenate([stacked.real, stacked.imag], axis=1)
 
@@ -324,7 +320,7 @@ class Extractor:
         spans = len(weights) // SPAN
         power = (np.abs(left[:, : spans * SPAN]) ** 2).reshape(len(left), spans, SPAN).mean(axis=2)
         expected = (weights[: spans * SPAN] ** 2).reshape(spans, SPAN).mean(axis=1)
-        clear = expected > _SPAN_SHARE
+        clear = expected > SPECTRUM.span_share
         return power[:, clear] / expected[clear]
 
     def _path(self, estimates: Sequence[Estimates], row: int) -> PathDelay:
@@ -344,7 +340,7 @@ def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
     return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
 
 
-def local_noise(power: np.ndarray, bins: int = _MEDIAN) -> np.ndarray:
+def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
     """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
     return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='nearest')
 
@@ -360,7 +356,7 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
     """
     axis = np.arange(bins) * width
     close = np.abs(axis - frequency[..., None]) < LINE * width
-    return close | (axis < _EDGE * width) | (axis > rate / 2 - _EDGE * width)
+    return close | (axis < SPECTRUM.edge * width) | (axis > rate / 2 - SPECTRUM.edge * width)
 
 
 def gaussian(ratio: np.ndarray, count: float | np.ndarray) -> np.ndarray:
@@ -380,7 +376,7 @@ def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
 def quiet_sweeps(quiet: np.ndarray) -> np.ndarray:
     """Return which sweeps hold no burst (n, S), all of a station where hardly any is free; `quiet` (n, S, T)."""
     free = ~np.any(quiet > BURST * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
-    return free | (free.sum(axis=0) < _FREE_SWEEPS)
+    return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
 
 
 def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,8 @@ from ..compare.comparison import Comparison
 from ..compare.groups import Groups
 from ..compare.kinds.kind import Kind, Shown
 from ..search.fitting import Fitted, Fitting
+from .limits import VIEWS
 from .result import Location, MisfitMap, Separability, Series
-
-_CENTRAL = 0.9  # of an excess, which a location's span holds
-_SHOWN = 0.01  # share of the excess below which a location is not named
-_BY_CHANCE = 1e-4  # chance below which uneven codes are a mismatch that has a place
-_TOLD = 3.0  # times its noise, to which a number must be predicted for a misfit
 
 
 def remainder(comparison: Comparison, chosen: Fitted | None) -> np.ndarray:
@@ -30,7 +26,7 @@ def remainder(comparison: Comparison, chosen: Fitted | None) -> np.ndarray:
     beside = dataclasses.replace(chosen, template=comparison.template([e.build() for e in chosen.effects]))
     doubt = Fitting(comparison).doubt(beside)
     rest = (comparison.residual - beside.template) / np.sqrt(1.0 + doubt**2)
-    return np.where(used & (doubt < _TOLD), rest, np.nan)
+    return np.where(used & (doubt < VIEWS.predicted), rest, np.nan)
 
 
 def _name(comparison: Comparison, kind: Kind, station: int) -> str | None:
@@ -48,12 +44,12 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
         used = np.count_nonzero(z)
         if used:
             excess[kind, station] = max(float(z @ z) - used - 4.0 * math.sqrt(2.0 * used), 0.0)
-    uneven = {i: codes for i, codes in enumerate(c.codes) if codes is not None and codes.probability < _BY_CHANCE}
+    uneven = {i: codes for i, codes in enumerate(c.codes) if codes is not None and codes.probability < VIEWS.by_chance}
     excess |= {(None, station): codes.excess for station, codes in uneven.items()}
     total = sum(excess.values())
     found = []
     for (which, station), amount in sorted(excess.items(), key=lambda item: -item[1]):
-        if total <= 0.0 or amount < _SHOWN * total:
+        if total <= 0.0 or amount < VIEWS.shown * total:
             continue
         if which is None:  # codes of the ADC
             low, high = uneven[station].low, uneven[station].high
@@ -67,7 +63,7 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
         if weight[-1] > 0.0:
             low, high = (
                 x[order][np.searchsorted(weight, q * weight[-1]).clip(0, len(x) - 1)]
-                for q in ((1 - _CENTRAL) / 2, (1 + _CENTRAL) / 2)
+                for q in ((1 - VIEWS.central) / 2, (1 + VIEWS.central) / 2)
             )
         found.append(
             Location(which.level, _name(c, which, station), which.axis, float(low), float(high), amount / total)

@@ -19,11 +19,10 @@ from ..compare.comparison import Comparison
 from ..features.extractor import LINE
 from ..recording.dataset import Dataset
 from .instruments import Effects, Measurement, View
+from .limits import FURTHER
 
 SWEEPS = 12
 """Sweep pairs at each distance, at most."""
-
-_HEADROOM = 6.0  # by which a strong signal is attenuated below full scale [dB]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +115,7 @@ def _powered(
     for own, power in zip(sweeps, data.received_power[:, rows].mean(axis=1), strict=True):
         plain = dataclasses.replace(own, tx_eirp=0.0, rx_antenna_gain=0.0)
         gain = power - float(link_budget(plain, plain, np.array(data.distance[rows].mean()))) - attenuation
-        most = own.full_scale_power - _HEADROOM - float(link_budget(plain, plain, np.array(distance)))
+        most = own.full_scale_power - FURTHER.headroom - float(link_budget(plain, plain, np.array(distance)))
         # places of equal gain are simulated together
         result.append(dataclasses.replace(plain, rx_antenna_gain=round(float(min(gain, most)), 2)))
     return tuple(result)

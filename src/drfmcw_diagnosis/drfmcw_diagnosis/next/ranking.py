@@ -28,10 +28,7 @@ from .instruments import (
     SecondInstrument,
     TerminatedAntenna,
 )
-
-_PLACES = 5  # distances of further sweeps, at most
-_PREDICTED = 60  # predictions of each measurement that the time allows
-_DISTORTING = 8  # times as long as others takes the prediction of an effect that distorts the IF
+from .limits import FURTHER
 
 
 def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
@@ -112,7 +109,7 @@ def ranked(
     explanations = [chosen, *rivals]
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
-    places = int(np.clip(_PREDICTED / sum(map(_cost, explanations)), 2, _PLACES))
+    places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.places))
     names = {e.candidate.effect for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
@@ -132,7 +129,7 @@ def _cost(fitted: Fitted) -> int:
     """Return the effort of predicting an explanation and its derivatives at one place."""
     predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
     distorting = any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects)
-    return predictions * (_DISTORTING if distorting else 1)
+    return predictions * (FURTHER.distorting if distorting else 1)
 
 
 def _trusted(shown: list[_Prediction], fitting: Fitting, chosen: Fitted) -> list[_Prediction]:

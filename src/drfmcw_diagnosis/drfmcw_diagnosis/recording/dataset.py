@@ -27,13 +27,12 @@ from drfmcw_sim.signal_model import Measurements
 
 from .conditions import WEATHER, Conditions
 from .grouping import groups, slopes
+from .limits import LINES
 from .topology import Topology
 
 PAIRING = 1_000_000_000
 """Largest difference of both stations' stamps of one sweep [ns]."""
 
-_FAR = 1.0  # a delay at which the sign of a beat frequency is beyond doubt [s]
-_CHUNK = 512  # sweeps estimated at once
 _LINE = ('frequency', 'frequency_std', 'phase', 'power')  # fields of Beat and of Lines
 
 
@@ -438,7 +437,7 @@ def _measure(dataset: Dataset) -> Lines:
         for sweep in settings:
             processor.add_sweep_config(sweep)
             fusion.add_sweep_config(dataclasses.replace(sweep, stamp=int(dataset.stamp[run[0]])))
-        for rows in np.array_split(run, -(-len(run) // _CHUNK)):
+        for rows in np.array_split(run, -(-len(run) // LINES.chunk)):
             beats = processor.process(list(_sweeps_of(dataset, rows)))
             for beat in sorted(beats, key=lambda b: b.stamp):
                 at = dataset.stations.index(beat.station), beat.sweep_id
@@ -461,10 +460,10 @@ def _measure(dataset: Dataset) -> Lines:
 
 def delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, peer: Calibration) -> np.ndarray:
     """Return the path's delay after one station's line, T_off taken as nominal [s]; `frequency` on its clock [Hz]."""
-    near, far = (beat_frequency(sweep, delay, own.alpha, peer.alpha) for delay in (_FAR, 2.0 * _FAR))
+    near, far = (beat_frequency(sweep, delay, own.alpha, peer.alpha) for delay in (LINES.far, 2.0 * LINES.far))
     falls = sweep.role == Role.SECOND and sweep.mode == Mode.SHORT_DISTANCE  # with the delay
     line = (-1.0 if falls else 1.0) * own.sample_clock_alpha * frequency
-    return _FAR + (line - near) * _FAR / (far - near)
+    return LINES.far + (line - near) * LINES.far / (far - near)
 
 
 def _with_measured_noise(dataset: Dataset) -> Dataset:

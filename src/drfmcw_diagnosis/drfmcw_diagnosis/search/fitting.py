@@ -13,10 +13,7 @@ from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
 from ..compare.kinds.explained import Explained
 from .bank import Candidate
-
-_FLAT = 1e-30  # curvature of a misfit that a parameter does not change
-_STEPS = 12  # of Levenberg and Marquardt's method
-_CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
+from .limits import FIT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,10 +33,10 @@ class FittedEffect:
     def certain(self) -> bool:
         """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
         recipe = self.candidate.recipe
-        told = all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in recipe.defining)
+        told = all(abs(self.values[name]) > FIT.certain * self.stds[name] for name in recipe.defining)
         if not recipe.size or recipe.decibel or recipe.per_group:
             return told
-        return told and abs(self.values[recipe.size]) > _CERTAIN * self.size_std
+        return told and abs(self.values[recipe.size]) > FIT.certain * self.size_std
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -118,7 +115,7 @@ class Fitting:
     def fit(
         self,
         start: Sequence[tuple[Candidate, dict[str, float]]],
-        steps: int = _STEPS,
+        steps: int = FIT.steps,
         beside: np.ndarray | float = 0.0,
         freedom: 'Freedom | None' = None,
     ) -> Fitted:
@@ -186,7 +183,7 @@ class Fitting:
             mine = [k for k, (i, _) in enumerate(names) if i == number]
             values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
             curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
-            size_std = 1.0 / math.sqrt(max(*curvature, _FLAT)) if curvature else 0.0
+            size_std = 1.0 / math.sqrt(max(*curvature, FIT.flat)) if curvature else 0.0
             fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}, {}, size_std))
         occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
         if freedom is None:
