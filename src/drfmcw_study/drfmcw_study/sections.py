@@ -311,10 +311,10 @@ def _fig8() -> Section:
         text = f"""Reference of station 1 off by up to 40 ppm, ADC clock nominal, floor B. "Eq. 19 left out": the
 stations know α and take the residual chirp k (α1² - α2²) t²/2 off their line, only the range is computed with the
 nominal k. That is eq. 20, and the simulation agrees with it within {np.abs(against).max():.1f} standard errors. "α
-unknown": nobody knows it, and the residual chirp smears the line over 12 bins at 40 ppm. The bias is the same, but
-at 1000 m the standard deviation rises from {millimetres(far.std[-1])} to
+unknown": the stations use the nominal value, and the residual chirp smears the line over 12 bins at 40 ppm. The
+bias is the same, but at 1000 m the standard deviation rises from {millimetres(far.std[-1])} to
 {millimetres(far.unknown_std[-1], 0)}. Corrected: {_worst(corrected, error)}. Both lines move by 5.8 kHz per ppm,
-nearer to or farther from their mirror lines: hence the slope of the standard deviation at 15 m."""
+towards or away from their mirror lines, which causes the slope of the standard deviation at 15 m."""
         found = (
             Claim(
                 'V-B-2, Fig. 8',
@@ -597,8 +597,8 @@ def _fig12() -> Section:
         ]
         text = f"""Received power as station 1 estimates it, within {deviation:.2f} dB of the link budget from
 {_POWER_DISTANCES[0]:.0f} to {_POWER_DISTANCES[-1]:.0f} m (standard deviation of one range there:
-{millimetres(outcomes[-1].std)} with floor B). At 5000 m the power would do, but Table 1's waveform ends at
-{longest:.0f} m: there the line meets the Nyquist frequency with T_off = 0. Station 1's line stands at k (τ +
+{millimetres(outcomes[-1].std)} with floor B). At 5000 m the power suffices, but Table 1's waveform ends at
+{longest:.0f} m: there the line reaches the Nyquist frequency with T_off = 0. Station 1's line is at k (τ +
 T_off), so T_off = 0.6 µs takes {0.6e-6 * in_air:.0f} m of it, and each ppm between the references
 {5.8e3 / sweep.chirp_rate * in_air:.1f} m."""
         claim = Claim(
