@@ -76,7 +76,7 @@ def nearest(word: str, valid: Collection[str]) -> str:
 
 
 def check_value(name: str, value: Any, kind: Any, declared: Parameter, where: str = '') -> Any:
-    """Return `value` converted to `kind`: float, int, bool, str, a list or tuple of one of them, or one of them or None.
+    """Return `value` converted to `kind`: float, int, bool, str, a list or tuple of these, or None where allowed.
 
     Args:
         name: of the setting, for the message.

@@ -8,16 +8,7 @@ from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..recording.dataset import Dataset
-
-FEWEST = 3
-"""Fewest sweeps of a group that determine its scatter; smaller groups are left out."""
-
-BEAT_LIMIT = 10.0
-"""To how much T_off is trusted on average, in the sum of both beat frequencies [Hz]."""
-
-_AIR_LIMIT = 3e-5  # refractivity of unknown weather may differ from the default's by so much, a tenth of it
-_TRUST = 0.003  # to which the forward models are trusted, relative to what they add
-_TRUST_IN_AIR = 0.02  # the same where the weather is unknown: the phase of a second path follows the air
+from .limits import MODEL, SCATTER
 
 
 class Known:
@@ -37,7 +28,7 @@ class Known:
         """
         self._unsound = unsound
         self._data, self._heard, self._members, self._scatters = data, heard, members, scatters
-        self._alone = len(heard) < len(data.stations)
+        self._alone = data.topology.one_missing
         self._delays = not any(f'/{station}/calibration' in data.lacking for station in data.stations)
         self._weather = not any(topic.startswith('/site/') for topic in data.lacking)
         self._referenced = np.array([np.isfinite(data.reference[m]).all() for m in members])
@@ -45,7 +36,7 @@ class Known:
     @property
     def trust(self) -> float:
         """To which the forward models are trusted, relative to what they add."""
-        return _TRUST if self._weather else _TRUST_IN_AIR
+        return MODEL.forward if self._weather else MODEL.forward_in_unknown_air
 
     def range(self) -> np.ndarray:
         """Return in which groups the reference and the calibrated delays determine the range (G,)."""
@@ -55,9 +46,9 @@ class Known:
         """Return to how much the range is trusted beyond its noise (G,) [m]: zero if air and T_off are known."""
         limit = np.zeros(len(self._members))
         if not self._weather:
-            limit = _AIR_LIMIT * np.array([self._data.distance[m].mean() for m in self._members])
+            limit = MODEL.air * np.array([self._data.distance[m].mean() for m in self._members])
         if self._alone:  # T_off stands in the range of one line
-            start_delay = BEAT_LIMIT / (2.0 * abs(self._data.sweeps[0][0].chirp_rate))
+            start_delay = MODEL.beat / (2.0 * abs(self._data.sweeps[0][0].chirp_rate))
             limit = np.hypot(limit, start_delay * SPEED_OF_LIGHT)
         return limit
 
@@ -89,7 +80,7 @@ class Known:
             )
         if not self.distance().all():
             said.append('Received power is not compared where the distance is not accurate enough')
-        lost = np.count_nonzero(self._data.lines.flags[0] & Flag.NEAR_DC) if len(self._data.stations) == 1 else 0
+        lost = np.count_nonzero(self._data.lines.flags[0] & Flag.NEAR_DC) if self._data.topology.hears_itself else 0
         if lost:
             said.append(f'Left out: {lost} sweeps whose line is too near 0 Hz')
         if self._unsound:
@@ -97,13 +88,13 @@ class Known:
                 f'Left out: {self._unsound} sweeps whose lines were mistaken, are far weaker than before and after, or '
                 'are too near 0 Hz or the Nyquist frequency, as far lines are where the references differ much'
             )
-        if self._data.iq:
+        if not self._data.topology.has_mirror:
             said.append('Negative frequencies of the I/Q samples are not compared')
         if not self.noise().all():
             said.append('Noise is not compared: the calibrations do not specify it completely')
         if not self._scatters:
             said.append(
-                f'Fewer than {FEWEST} sweeps under the same conditions: only white noise is assumed between them, '
-                'so any other change from sweep to sweep counts as a mismatch'
+                f'Fewer than {SCATTER.fewest} sweeps under the same conditions: only white noise is assumed between '
+                'them, so any other change from sweep to sweep counts as a mismatch'
             )
         return tuple(said)

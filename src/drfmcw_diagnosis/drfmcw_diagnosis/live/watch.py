@@ -83,6 +83,17 @@ class Judgement:
     diagnosis: Diagnosis | None = None  # of the search
     written: str = ''  # directory with the finding
 
+    @property
+    def found(self) -> Diagnosis:
+        """The diagnosis.
+
+        Raises:
+            ValueError: no search was made.
+        """
+        if self.diagnosis is None:
+            raise ValueError('this judgement comes from the quick check alone')
+        return self.diagnosis
+
 
 def judge(order: Order) -> Iterator[Judgement]:
     """Yield what the check says, then, where a search is due, what that says."""
@@ -97,10 +108,11 @@ def judge(order: Order) -> Iterator[Judgement]:
         if search:
             out = order.findings / utc(end).replace(':', '').replace('-', '') if order.findings else None
             found = diagnose_dataset(data, order.false_alarm_rate, out, command='./drfmcw watch')
-            kept = out is not None and found.verdict != 'consistent'
-            if kept:
+            written = ''
+            if out is not None and found.verdict != 'consistent':
                 _write(found, checked, out)
-            yield dataclasses.replace(checked, searching=False, diagnosis=found, written=str(out) if kept else '')
+                written = str(out)
+            yield dataclasses.replace(checked, searching=False, diagnosis=found, written=written)
     except (ConfigurationError, OSError) as error:
         yield Judgement(str(error))
 
@@ -198,7 +210,8 @@ class Watch:
         if worth:
             self.finding, self._gone = judgement, None
         elif self.finding is not None:
-            self.finding, self._gone = None, (self.finding, now)
+            self._gone = self.finding, now
+            self.finding = None
 
     def _is_expected(self, diagnosis: Diagnosis) -> bool:
         """Return True where one of the explanations consists of expected effects only."""
@@ -265,7 +278,7 @@ class Watch:
     @staticmethod
     def described(judgement: Judgement) -> str:
         """Return a finding in one sentence."""
-        diagnosis = judgement.diagnosis
+        diagnosis = judgement.found
         if diagnosis.verdict == 'unexplained' or diagnosis.explanation is None:
             said = 'the model does not explain the data, and no known effect accounts for it'
             if diagnosis.locations:
@@ -282,7 +295,7 @@ class Watch:
 
 def _values(judgement: Judgement) -> dict[str, str | float | int]:
     """Return a finding as keys and values."""
-    diagnosis = judgement.diagnosis
+    diagnosis = judgement.found
     fit = diagnosis.fit.held_out if math.isfinite(diagnosis.fit.held_out.before) else diagnosis.fit.fitted
     values: dict[str, str | float | int] = {
         'verdict': diagnosis.verdict,

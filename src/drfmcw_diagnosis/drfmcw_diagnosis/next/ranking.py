@@ -27,10 +27,7 @@ from .instruments import (
     SecondInstrument,
     TerminatedAntenna,
 )
-
-_PLACES = 5  # distances of further sweeps, at most
-_PREDICTED = 60  # predictions of each measurement that the time allows
-_DISTORTING = 8  # times as long as others takes the prediction of an effect that distorts the IF
+from .limits import FURTHER
 
 
 def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
@@ -79,7 +76,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
 
 def _condensed(chosen: _Prediction, rival: _Prediction) -> np.ndarray:
     """Return the rival's slopes and the difference to be explained as columns of few rows, with the same products."""
-    return np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r')
+    return np.asarray(np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r'))
 
 
 def _misfit(condensed: np.ndarray) -> float:
@@ -111,7 +108,7 @@ def ranked(
     explanations = [chosen, *rivals]
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
-    places = int(np.clip(_PREDICTED / sum(map(_cost, explanations)), 2, _PLACES))
+    places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.places))
     kinds = {e.candidate.kind for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
@@ -131,7 +128,7 @@ def _cost(fitted: Fitted) -> int:
     """Return the effort of predicting an explanation and its derivatives at one place."""
     predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
     distorting = any(e.candidate.kind.distorts for e in fitted.effects)
-    return predictions * (_DISTORTING if distorting else 1)
+    return predictions * (FURTHER.distorting if distorting else 1)
 
 
 def _trusted(shown: list[_Prediction], fitting: Fitting, chosen: Fitted) -> list[_Prediction]:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import sys
 from collections.abc import Collection, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -176,7 +176,7 @@ class Conditions:
 def holding(history: History[T], stamp: int) -> T:
     """Return the value that holds at `stamp`, before all of them the first."""
     found = history.at(stamp)
-    return history.first() if found is None else found[1]
+    return cast(T, history.first()) if found is None else found[1]
 
 
 def _held(history: History[float] | None, stamps: np.ndarray, default: float) -> np.ndarray:
