@@ -90,7 +90,7 @@ def _recorded(name: str) -> tuple[float, float]:
 
 
 def bench_accuracy(seconds: float, console: Console) -> list[Figure]:
-    """Measure deviation, bias and reported deviation of `ml` and `pair` over the whole grid; outliers; a recording."""
+    """Measure bias, true and reported std of `ml` and `pair` over the whole grid; outliers; a recording."""
     trials = max(round(_TRIALS * min(seconds / 60.0, 1.0)), 100)
     results = _grid(trials, console)
     console.print(_cells(results))
@@ -105,12 +105,12 @@ def bench_accuracy(seconds: float, console: Console) -> list[Figure]:
         ratio = max(cells, key=lambda c: cells[c].std / cells[c].bound)
         chi = max(cells, key=lambda c: abs(cells[c].chi_square - 1.0))
         figures += [
-            Figure(f'{name}: largest deviation over its bound ({ratio})', cells[ratio].std / cells[ratio].bound, '',
-                   1.05, bound=1.0),
-            Figure(f'{name}: largest bias over deviation', max(abs(a.bias) / a.std for a in values), '', 0.2),
+            Figure(f'{name}: largest standard deviation over its bound ({ratio})',
+                   cells[ratio].std / cells[ratio].bound, '', 1.05, bound=1.0),
+            Figure(f'{name}: largest bias over standard deviation', max(abs(a.bias) / a.std for a in values), '', 0.2),
             Figure(f'{name}: largest bias', 1e3 * max(abs(a.bias) for a in values), 'mm', 0.3),
             Figure(f'{name}: largest error of reported variance ({chi})', abs(cells[chi].chi_square - 1.0), '', 0.05),
-            Figure(f'{name}: largest deviation of carrier phase over its bound',
+            Figure(f'{name}: largest standard deviation of carrier phase over its bound',
                    max(a.carrier_std / a.carrier_bound for a in values), bound=1.0),
         ]  # fmt: skip
     ours, reference = _outliers()

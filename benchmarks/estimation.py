@@ -102,7 +102,7 @@ def bench_estimation(seconds: float, console: Console) -> list[Figure]:
     for difference, condition in material.items():
         found = condition.cell.measure('hann', range(_TRIALS))
         figures.append(
-            Figure(f'hann: deviation over the bound, {difference:g} ppm apart', found.std / found.bound, '',
+            Figure(f'hann: standard deviation over the bound, {difference:g} ppm apart', found.std / found.bound, '',
                    1.6, bound=additive_factor('hann') / additive_factor('boxcar'))
         )  # fmt: skip
     return figures

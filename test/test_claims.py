@@ -78,9 +78,9 @@ def test_document_names_every_package(document):
 def test_architecture_lists_every_room():
     rooms = {
         '.'.join(path.parent.relative_to(ROOT / 'src').parts[1:])
-        for path in ROOT.glob('src/drfmcw_*/drfmcw_*/*/__init__.py')
+        for path in ROOT.glob('src/drfmcw_*/drfmcw_*/*/**/__init__.py')
     }
-    listed = set(re.findall(r'^\| `(drfmcw_\w+\.\w+)` \|', section('Packages and rooms'), re.MULTILINE))
+    listed = set(re.findall(r'^\| `(drfmcw_\w+\.[\w.]+)` \|', section('Packages and rooms'), re.MULTILINE))
     assert not rooms - listed
 
 

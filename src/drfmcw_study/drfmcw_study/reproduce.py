@@ -163,10 +163,10 @@ def _document(options: _Options, finished: Sequence[tuple[Section, Finished]], f
         f"""Written by `{' '.join(command)}`, drfmcw {_version()}: do not edit. {options.run.trials} simulated sweep
 pairs per point, seed {options.run.seed}, estimator `{estimator}`{window}. The simulator renders the IF samples of both
 stations; the classes of the live station and fusion nodes turn them into ranges. The same seed gives the same numbers,
-whatever the number of processes.""",
+for any number of processes.""",
         f"""{agreeing} of {len(found)} claims of the paper agree with what our code computes, {len(found) - agreeing}
-differ. The paper publishes its measurements as plots only; what is compared are the figures in its text.""",
-        'What the paper leaves open and is assumed here:',
+differ. The paper publishes its measurements as plots only; the comparison uses the figures in its text.""",
+        'Assumptions where the paper states nothing:',
         f"""- Noise power in the IF band of 1.024 MHz: {floors}. A leaves 10 dB in the whole band at 5000 m, as Fig. 12
   says; B gives the 12 mm at 1000 m of Fig. 11. Both are sub-millimetre indoors.
 - Phase noise: one pole with its corner at 200 kHz, through the -90 dBc/Hz at 100 kHz of Table 1.

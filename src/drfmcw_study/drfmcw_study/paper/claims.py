@@ -172,8 +172,8 @@ def _short_distance_limit() -> Claim:
         'short-distance mode up to 1024 m, IF centred at a quarter of the sampling rate',
         f'{centred:.1f} m in air with T_off = {quarter * 1e6:.3f} µs; {on_site:.0f} m with the 4 µs used on site',
         bool(abs(centred - 1024.0) < 0.5),
-        f'{rounded:.1f} m follow with c = 3e8 m/s. There station 1 stands at the Nyquist frequency and station 2 at '
-        '0 Hz: no margin at all',
+        f'{rounded:.1f} m follow with c = 3e8 m/s. There the line of station 1 is at the Nyquist frequency and '
+        'that of station 2 at 0 Hz, without margin',
         known=True,
     )
 
@@ -187,7 +187,7 @@ def _long_distance_limit() -> Claim:
     return Claim(
         'V-C, VI',
         'maximum operational range 5000 m',
-        f'the largest long-distance range of Table 1 is {longest:.0f} m (T_off = 0); at 5000 m the line would stand at '
+        f'the largest long-distance range of Table 1 is {longest:.0f} m (T_off = 0); at 5000 m the line would be at '
         f'{line / 1e3:.0f} kHz, above the Nyquist frequency of {sweep.sample_rate / 2e3:.0f} kHz',
         longest >= 5000.0,
         f'the link budget reaches it ({power:.1f} dBm at 5000 m), the waveform does not: a slower ramp or a faster ADC '
@@ -345,7 +345,7 @@ def agreements() -> list[Claim]:
         Claim(
             'V-C',
             'long-distance mode beyond 650 m, so that no line nears 0 Hz or the Nyquist frequency',
-            f'at 650 m with T_off = 4 µs the lines stand at {" and ".join(at_650)} kHz of 1024 kHz',
+            f'at 650 m with T_off = 4 µs the lines are at {" and ".join(at_650)} kHz of 1024 kHz',
             float(at_650[0]) < 1000.0 and float(at_650[1]) > 25.0,
             'with equal references; a difference of α moves both by 5.8 kHz per ppm',
         ),

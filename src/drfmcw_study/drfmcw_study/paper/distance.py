@@ -168,8 +168,8 @@ def fig12() -> Section:
         ]
         text = f"""Received power as station 1 estimates it, within {deviation:.2f} dB of the link budget from
 {_POWER_DISTANCES[0]:.0f} to {_POWER_DISTANCES[-1]:.0f} m (standard deviation of one range there:
-{millimetres(outcomes[-1].std)} with floor B). At 5000 m the power would do, but Table 1's waveform ends at
-{longest:.0f} m: there the line meets the Nyquist frequency with T_off = 0. Station 1's line stands at k (τ +
+{millimetres(outcomes[-1].std)} with floor B). At 5000 m the power suffices, but Table 1's waveform ends at
+{longest:.0f} m: there the line reaches the Nyquist frequency with T_off = 0. Station 1's line is at k (τ +
 T_off), so T_off = 0.6 µs takes {0.6e-6 * in_air:.0f} m of it, and each ppm between the references
 {5.8e3 / sweep.chirp_rate * in_air:.1f} m."""
         claim = Claim(

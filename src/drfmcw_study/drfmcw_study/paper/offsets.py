@@ -151,10 +151,10 @@ def fig8() -> Section:
         text = f"""Reference of station 1 off by up to 40 ppm, ADC clock nominal, floor B. "Eq. 19 left out": the
 stations know α and take the residual chirp k (α1² - α2²) t²/2 off their line, only the range is computed with the
 nominal k. That is eq. 20, and the simulation agrees with it within {np.abs(against).max():.1f} standard errors. "α
-unknown": nobody knows it, and the residual chirp smears the line over 12 bins at 40 ppm. The bias is the same, but
-at 1000 m the standard deviation rises from {millimetres(far.std[-1])} to
+unknown": the stations use the nominal value, and the residual chirp smears the line over 12 bins at 40 ppm. The
+bias is the same, but at 1000 m the standard deviation rises from {millimetres(far.std[-1])} to
 {millimetres(far.unknown_std[-1], 0)}. Corrected: {worst(corrected, error)}. Both lines move by 5.8 kHz per ppm,
-nearer to or farther from their mirror lines: hence the slope of the standard deviation at 15 m."""
+towards or away from their mirror lines, which causes the slope of the standard deviation at 15 m."""
         found = (
             Claim(
                 'V-B-2, Fig. 8',
