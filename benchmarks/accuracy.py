@@ -14,8 +14,8 @@ from rich.table import Table
 
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.statistics import setting_statistics
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.estimators import estimator
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.estimators.registry import estimator
 from drfmcw_physics.bounds import outlier_probability
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_study.accuracy import Accuracy, Cell, grid, left_out

@@ -8,7 +8,7 @@ from figures import Figure
 from measuring import rates
 from rich.console import Console
 
-from drfmcw_node.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
 from drfmcw_physics.bounds import additive_factor
 from drfmcw_physics.sweep import Mode
 from drfmcw_sim.scenario import Scenario

@@ -98,7 +98,7 @@ def _install_all(root, venv, output, lock, progress):
         )
         for part in range(PROCESSES)
     ]
-    lines = [[] for _ in processes]
+    lines: list[list[str]] = [[] for _ in processes]
     readers = [
         threading.Thread(target=counter.read, args=(process.stdout, kept), daemon=True)
         for process, kept in zip(processes, lines, strict=True)

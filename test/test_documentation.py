@@ -52,7 +52,7 @@ def drfmcw_calls():
 def topics_in(package):
     """Topics of the contract that stand in a package's code, alone or at the end of a name."""
     found = set()
-    for module in package.rglob('*.py'):
+    for module in set(package.rglob('*.py')) - set(package.glob('test/*.py')):
         for node in ast.walk(ast.parse(module.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 found |= {topic for topic in TOPICS if re.fullmatch(rf'(/|/.+/)?{topic.lstrip("/")}', node.value)}

@@ -22,7 +22,7 @@ setup(
         'console_scripts': [
             'station = drfmcw_node.station:main',
             'pair_station = drfmcw_node.pair_station:main',
-            'send_sweeps = drfmcw_node.send_sweeps:main',
+            'send_sweeps = drfmcw_node.sources.send_sweeps:main',
         ],
     },
 )

@@ -18,7 +18,7 @@ from .finding.views import locations, misfit_map, remainder, separability, serie
 from .finding.wording import sentences
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
-from .search.bank import RECIPES
+from .search.bank import recipes
 from .search.fitting import Fitted, FittedEffect, Fitting
 from .search.leftovers import leftovers
 from .search.rivals import rivals, widened
@@ -222,7 +222,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     without = comparison.template(others) if others else 0.0
     gain = search.misfit(without) - fitted.misfit
     alone = comparison.predict((effect.build(),)).range - comparison.plain.range
-    declared = declared_parameters(Effect.registry[effect.candidate.effect])
+    declared = declared_parameters(effect.candidate.kind)
     parameters = {}
     for name in effect.candidate.free:
         value, std = effect.told.get(name, (effect.values[name], effect.stds[name]))
@@ -233,7 +233,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
         if base == recipe.size or not recipe.size:
             trust = max(trust, LIMITS.decibel if decibel else LIMITS.size)
         trust *= 1.0 if decibel else abs(value)
-        if base == 'probability':  # of which the sweeps hold one outcome
+        if base == recipe.each_sweep:  # of which the sweeps hold one outcome
             trust = math.hypot(trust, math.sqrt(value * (1.0 - value) / len(comparison.data)))
         parameters[name] = Estimate(value, math.hypot(std, trust), unit)
     return FoundEffect(
@@ -248,9 +248,9 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
     sentences_ = [*data.missing, *search.comparison.known.untold()]
-    unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
+    unsearched = sorted({*Effect.registry} - {effect for effect, _ in recipes(without)})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
     if search.untested:
-        sentences_.append(f'Without any influence on this recording: {", ".join(search.untested)}.')
+        sentences_.append(f'These effects would leave no trace in this recording: {", ".join(search.untested)}.')
     return tuple(sentences_)

@@ -8,8 +8,8 @@ from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import WARN, Status
 from drfmcw_ros.parameters import SettingsParameters
 
-from .pair_processing import PairProcessor
-from .processing import Sweep
+from .processing.pair_processor import PairProcessor
+from .processing.records import Sweep
 from .station_settings import PairEstimatorSettings, PairStationSettings, check_pair
 from .sweep_node import SweepNode, antenna_frame, run_named
 

@@ -17,10 +17,14 @@ from drfmcw_ros.diagnostics import ERROR, WARN, Status
 from drfmcw_ros.messages import NANOSECONDS, to_message
 from drfmcw_ros.parameters import SettingsParameters
 
-from .compression import compress
-from .feed import Frame, Request
-from .processing import StationProcessor, Sweep
-from .sources import RecordingSource, Source, TcpSource, UdpSource
+from .processing.processor import StationProcessor
+from .processing.records import Sweep
+from .sources.compression import compress
+from .sources.feed import Frame, Request
+from .sources.recording import RecordingSource
+from .sources.source import Source
+from .sources.tcp import TcpSource
+from .sources.udp import UdpSource
 from .station_settings import Housekeeping, StationSettings, check_complete
 from .sweep_node import SweepNode, antenna_frame, run_named
 

@@ -6,8 +6,8 @@ import re
 
 from drfmcw_physics.settings import ConfigurationError, parameter
 
-from .compression import CODECS
-from .estimation import EstimatorSettings
+from .estimators.estimation import EstimatorSettings
+from .sources.compression import CODECS
 
 SWEEP_TOPICS = ('topic', 'compressed')
 """How sweeps come from topics: if_samples or if_samples_compressed."""

@@ -20,9 +20,11 @@ from drfmcw_ros.messages import from_message, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
-from .compression import CompressionError, decompress_message
-from .estimation import EstimatorSettings, Flag
-from .processing import Beat, EarlySweeps, Spectrum, StationProcessor, Sweep
+from .estimators.estimation import EstimatorSettings, Flag
+from .processing.early import EarlySweeps
+from .processing.processor import StationProcessor
+from .processing.records import Beat, Spectrum, Sweep
+from .sources.compression import CompressionError, decompress_message
 from .station_settings import SpectrumSettings, is_station_name
 
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]

@@ -9,11 +9,11 @@ from typing import Any
 OUTCOMES = ('right', 'undecided', 'unnamed', 'imitated', 'wrong', 'missed', 'failed')
 """What a finding can be worth.
 
-right: the verdict and every effect with its station, or 'ambiguous' among what the data cannot tell apart; undecided:
-the truth is among the explanations named, but one recording would have told; unnamed: an effect of the registry was
-called unexplained; imitated: what the registry lacks was explained by effects of it whose data cannot be told from the
-truth's, so that nobody could have said "unexplained": neither right nor wrong; wrong: a name that is not the truth, or
-a mismatch where there is none; missed: a mismatch called consistent; failed: no finding at all.
+right: the verdict and every effect with its station, or 'ambiguous' among what the data cannot separate; undecided:
+the truth is among the explanations named, but the recording would have separated them; unnamed: an effect of the
+registry was called unexplained; imitated: an unregistered effect that is indistinguishable from a registered one, so
+that "unexplained" is impossible: neither right nor wrong; wrong: a name that is not the truth, or a mismatch where
+there is none; missed: a mismatch called consistent; failed: no finding at all.
 """
 
 TOLERATED_SHARE = 0.9
@@ -109,7 +109,7 @@ def _outcome(
     finding: Mapping[str, Any],
     wanted: Explained,
     named: tuple[Explained, ...],
-    alike: set[Explained],  # what the data cannot tell from the truth
+    alike: set[Explained],  # what the data cannot separate from the truth
 ) -> tuple[str, str]:
     verdict = finding['verdict']
     if not wanted:
@@ -123,17 +123,17 @@ def _outcome(
             return 'right', 'unexplained, as it should be'
         if alike >= set(named):
             how = 'right' if rivals & set(named) else 'imitated'
-            return how, f'called {verdict} by what the data cannot tell from the truth'
+            return how, f'called {verdict} by an effect that the data cannot separate from the truth'
         return 'wrong', f'not in the registry, yet called {verdict}'
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     if verdict == 'explained':
         if named[0] in alike:
-            return 'wrong', 'one of several explanations that the data cannot tell apart, called the only one'
+            return 'wrong', 'one of several explanations that the data cannot separate, called the only one'
         if named[0] != wanted:
             return 'wrong', _difference(named[0], wanted)
         if verdict not in truth['verdicts']:
-            return 'wrong', 'the truth, but called the only explanation where the data cannot tell'
+            return 'wrong', 'the truth, but called the only explanation although the data allow others'
         return 'right', 'named'
     if wanted not in named:
         return 'wrong', 'ambiguous, the truth not among the explanations'
@@ -142,7 +142,7 @@ def _outcome(
     if 'explained' not in truth['verdicts']:
         return 'wrong', 'ambiguous, none of the true rivals among the explanations'
     if alike >= set(named) - {wanted}:
-        return 'right', 'ambiguous, the truth among explanations that the data cannot tell apart'
+        return 'right', 'ambiguous, the truth among explanations that the data cannot separate'
     return 'undecided', 'ambiguous, the truth among the explanations'
 
 
@@ -170,7 +170,7 @@ def _difference(found: Explained, wanted: Explained) -> str:
 
 
 def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> Iterator[Pull]:
-    """Yield the parameters that truth and finding both state; phases are left out, they tell the sign of a size."""
+    """Yield the parameters that truth and finding both state; phases are left out, they give the sign of a size."""
     for truth in truths:
         alike = [f for f in found if (f['effect'], f['station']) == (truth['effect'], truth['station'])]
         same = min(alike, key=lambda f: _distance(truth['parameters'], f['parameters']))

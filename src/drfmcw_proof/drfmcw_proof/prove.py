@@ -7,16 +7,15 @@ import contextlib
 import dataclasses
 import fcntl
 import json
-import multiprocessing
 import os
 import shlex
 import shutil
 import sys
 import threading
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -25,7 +24,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_study.trials import versions
+from drfmcw_ros.processes import Worker, WorkFailed
+from drfmcw_ros.versions import versions
 
 from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
 from .generator.recordings import Seal, open_seal
@@ -167,32 +167,40 @@ class _Interrupted(Exception):
     """The run ends before this case does."""
 
 
-def _alone(words: Sequence[str], said: Path) -> NoReturn:
-    """Run `drfmcw diagnose` in this process, which is for nothing else; what it says of errors goes to a file."""
-    os.setsid()  # Ctrl-C is for the process that asked for it, which ends the others
+def _alone(order: tuple[Sequence[str], Path]) -> Iterator[int]:
+    """Run `drfmcw diagnose` in this process, which is for nothing else; yield its exit status.
+
+    Args:
+        order: the words of its command line, and the file that gets its error messages.
+    """
+    words, said = order
     with open(os.devnull, 'w') as nowhere, open(said, 'w') as file:
         os.dup2(nowhere.fileno(), 1)
         os.dup2(file.fileno(), 2)
-    sys.exit(diagnose(words))
+    status = diagnose(words)
+    sys.stderr.flush()
+    yield status
+
+
+_Diagnosing = Worker[tuple[Sequence[str], Path], int]
 
 
 class _Tries:
-    """Tries cases in threads; the tool itself runs in a process of its own that is told the recording's path alone."""
+    """Tries cases in threads; each diagnosis runs in a process of its own that knows the recording's path alone."""
 
     def __init__(self, results: Results, console: Console, keep: bool) -> None:
         self._results, self._console, self._keep = results, console, keep
         self._stop = threading.Event()
-        self._running: set[multiprocessing.process.BaseProcess] = set()
-        # a process that knows no case, but has all imported, starts those of the diagnoses
-        self._server = multiprocessing.get_context('forkserver')
-        self._server.set_forkserver_preload([name for name in sys.modules if name.startswith('drfmcw_')])
+        self._running: set[_Diagnosing] = set()
+        # a server that knows no case, but has all imported, starts the processes of the diagnoses
+        self._preload = [name for name in sys.modules if name.startswith('drfmcw_')]
         self._making = threading.Lock()
 
     def stop(self) -> None:
         """End the processes at work; cases that are not finished are not stored."""
         self._stop.set()
-        for process in list(self._running):
-            process.terminate()
+        for worker in list(self._running):
+            worker.kill()
 
     def one(self, plan: Plan) -> dict[str, Any]:
         """Conceal, announce, find, open the seal, judge, store.
@@ -237,26 +245,29 @@ class _Tries:
         words = [str(recording), '--json', str(out), '--jobs', '1']
         if without:
             words += ['--without', ','.join(without)]
-        said, errors = out.with_suffix('.txt'), ''
+        said = out.with_suffix('.txt')
         said.touch()
-        process = self._server.Process(target=_alone, args=(words, said))
-        process.start()
-        self._running.add(process)
-        if self._stop.is_set():
-            process.terminate()
-        process.join(_PATIENCE)
-        if process.exitcode is None:
-            process.kill()
-            process.join()
-            errors = f'no finding after {_PATIENCE:g} s'
-        self._running.discard(process)
+        with Worker(_alone, start='forkserver', preload=self._preload) as worker:
+            self._running.add(worker)
+            failure = '' if self._stop.is_set() else _failure(worker, words, said)
+            self._running.discard(worker)
         if self._stop.is_set():
             raise _Interrupted
-        errors = errors or said.read_text(encoding='utf-8').strip()
         said.unlink()
-        if process.exitcode:
-            return None, (errors.splitlines() or [f'exit status {process.exitcode}'])[-1]
-        return json.loads(out.read_text(encoding='utf-8')), ''
+        return (None, failure) if failure else (json.loads(out.read_text(encoding='utf-8')), '')
+
+
+def _failure(worker: _Diagnosing, words: Sequence[str], said: Path) -> str:
+    """Run a diagnosis; return why it failed, '' where it did not."""
+    try:
+        worker.give((words, said))
+        [status] = worker.results(_PATIENCE)
+    except WorkFailed as error:
+        return str(error)
+    except Exception as error:  # whatever the diagnosis raises is an outcome of the case
+        return f'{type(error).__name__}: {error}'
+    lines = said.read_text(encoding='utf-8').strip().splitlines() or [f'exit status {status}']
+    return lines[-1] if status else ''
 
 
 def _judged(record: dict[str, Any]) -> dict[str, Any]:

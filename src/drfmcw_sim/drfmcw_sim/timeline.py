@@ -11,10 +11,11 @@ from drfmcw_physics.air import refractive_index
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.sweep import Mode, SweepSettings
 
+from .measurements import Measurements
 from .nominal import link_budget, nominal_measurements
 from .random_streams import Purpose, stream
 from .scenario import Scenario
-from .signal_model import Measurements, synthesise
+from .signal_model import synthesise
 from .trajectory import Drive, Recorded
 
 NANOSECONDS = 1_000_000_000

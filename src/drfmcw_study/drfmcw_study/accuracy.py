@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.bounds import LineNoise, coloured_bound
 from drfmcw_physics.constants import SPEED_OF_LIGHT

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics import bounds
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -19,12 +19,13 @@ from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.settings import read_yaml
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
 from drfmcw_ros.config_files import find_config
+from drfmcw_sim.measurements import Measurements, Station
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
-from drfmcw_sim.signal_model import Measurements, Station
 
 from .measurement import Trials, conditions, measure
-from .trials import ResultDirectory, Study, point_seed
-from .trials import run as run_study
+from .trials.results import ResultDirectory
+from .trials.running import run as run_study
+from .trials.study import Study, point_seed
 
 IF_BAND = 1.024e6
 """IF bandwidth to which a noise power belongs, half of Table 1's sampling rate [Hz]."""

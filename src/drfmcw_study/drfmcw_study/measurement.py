@@ -11,15 +11,16 @@ import numpy as np
 
 from drfmcw_fusion.pipeline import RangeFusion, RangeResult
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import Estimates, EstimatorSettings
-from drfmcw_node.estimators import estimator as make_estimator
-from drfmcw_node.pair import pair_estimator
-from drfmcw_node.processing import Beat
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.pair import pair_estimator
+from drfmcw_node.estimators.registry import estimator as make_estimator
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, beat_frequency
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import Measurements, draw_sweeps, synthesise
+from drfmcw_sim.signal_model import draw_sweeps, synthesise
 from drfmcw_sim.timeline import NANOSECONDS, Slots, Timeline
 
 _WEATHER = ('temperature', 'pressure', 'humidity')

@@ -16,7 +16,9 @@ from drfmcw_ros.config_files import find_config
 
 from . import summary
 from .points import grid, try_point, values_of
-from .trials import ResultDirectory, Study, StudyStopped, run
+from .trials.results import ResultDirectory
+from .trials.running import run
+from .trials.study import Study, StudyStopped
 
 _PROG = 'drfmcw montecarlo'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'sim', 'node', 'fusion', 'study'))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, from_mapping
 from drfmcw_physics.sweep import Mode
@@ -21,7 +21,7 @@ from drfmcw_sim.scenario import Scenario, override, scenario_from_mapping
 from drfmcw_sim.trajectory import Drive
 
 from .measurement import Trials, measure
-from .trials import point_seed
+from .trials.study import point_seed
 
 _EVALUATION = {'estimator': EstimatorSettings, 'fusion': FusionSettings}
 _LARGEST_GRID = 1_000_000

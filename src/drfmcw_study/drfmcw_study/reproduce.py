@@ -12,14 +12,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
 from . import claims, figures
 from .experiments import NOISE_FLOORS, Run, simulate_all
 from .sections import LABORATORY_PATH, SECTIONS, Finished, Section
-from .trials import StudyStopped
+from .trials.study import StudyStopped
 
 _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a source checkout
 _DOCUMENT = 'reproduction.md'

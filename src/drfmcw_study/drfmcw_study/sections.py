@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from drfmcw_node.spectral import window_samples
+from drfmcw_node.estimators.spectral import window_samples
 from drfmcw_physics import link_budget
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT

@@ -150,6 +150,6 @@ class Comparison:
     def template(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
         # apart, as a distortion or a burst takes many sweeps to simulate
-        apart = [tuple(e for e in effects if (e.distorts(), e.bursts()) == kind) for kind in _SIMULATED_APART]
+        apart = [tuple(e for e in effects if (e.distorts, e.bursts) == kind) for kind in _SIMULATED_APART]
         vectors = (self._vector(self.predict(part)) for part in apart if part)
         return functools.reduce(np.add, vectors, np.zeros(len(self.residual))) if effects else self._vector(self.plain)

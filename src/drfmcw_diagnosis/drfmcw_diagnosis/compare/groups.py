@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import Extractor, SweepFeatures
 from .limits import SCATTER

@@ -35,9 +35,6 @@ class ModelLimits:
     """Standard deviations of the noise that bursts may leave: one that the sweep's end cuts off looks like noise;
     chosen."""
 
-    clock_coherence: float = 0.05
-    """Coherence per ppm by which ADC clocks differ [1/ppm], as noise is compared sample by sample; chosen."""
-
     harmonics_width: int = 33
     """Bins over which a harmonic may be displaced; chosen."""
 

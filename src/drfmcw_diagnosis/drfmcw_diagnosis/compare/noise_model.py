@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics.phase_noise import combination_gain
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements, Station
+from drfmcw_sim.effects import Effect, Stage
+from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
 from ..features.extractor import BANDS, LINE

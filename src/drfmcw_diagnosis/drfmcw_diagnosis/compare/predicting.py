@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
+from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import SweepFeatures, mean_power, quiet_sweeps, ramp_spectrum, unevenness
 from .groups import Part, acted
@@ -55,8 +54,8 @@ class Expected:
         """Put the groups where the effects have them."""
         self.model, self.recorded, self.effects = model, recorded, effects
         self.part, self.reference = model.placed(recorded, effects)
-        self.distorting = any(e.distorts() for e in effects)
-        self.bursting = any(e.bursts() for e in effects)
+        self.distorting = any(e.distorts for e in effects)
+        self.bursting = any(e.bursts for e in effects)
 
     @property
     def std(self) -> Mapping[str, np.ndarray]:
@@ -71,7 +70,7 @@ class Expected:
     @functools.cached_property
     def features(self) -> SweepFeatures:
         """Features of one noise-free sweep pair per group."""
-        return self.model.simulated.mean(self.part, [e for e in self.effects if not e.bursts()])
+        return self.model.simulated.mean(self.part, [e for e in self.effects if not e.bursts])
 
     def samples(self, noise: bool = False) -> tuple[np.ndarray, ...]:
         """Return one simulated sweep per group, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
@@ -172,7 +171,7 @@ class Predictor:
         """
         result = np.zeros(self.std['flutter'].shape)
         for part in self.recorded.parts:
-            ramp = ramp_spectrum(self.simulated.copies(part, [e for e in effects if not e.bursts()], 2)[0].ramp)
+            ramp = ramp_spectrum(self.simulated.copies(part, [e for e in effects if not e.bursts], 2)[0].ramp)
             result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
         return result / self.std['flutter']
 
@@ -224,7 +223,7 @@ class Predictor:
         """
         reading = self._reference(part, effects)
         error = reading - part.steady.range
-        if not error.any() or not any('delay' in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
+        if not error.any() or not any(ActsOn.DELAY in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
             return part, reading
         steady = part.steady.rows(slice(None))
         steady.range -= error
@@ -246,7 +245,7 @@ class Predictor:
 
     def velocity(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
         """Return the slope that the reference shows in each group [m/s] (G,): it sees the crane drive, not sway."""
-        driving = [effect for effect in effects if effect.name == 'target_motion']
+        driving = [effect for effect in effects if effect.motion is Motion.DRIVE]
         if not driving:
             return m.velocity
         driven = m.rows(slice(None))
@@ -257,7 +256,7 @@ class Predictor:
     def displacement(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return the movement within each group beyond what the reference shows [m], one group after another."""
         # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
-        moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
+        moving = [e for e in effects if ActsOn.DELAY in e.acts_on and e.of is Of.PATH and e.stage != Stage.GEOMETRY]
         if not moving:
             return np.zeros(len(part.all))
         moved = part.all.rows(slice(None))

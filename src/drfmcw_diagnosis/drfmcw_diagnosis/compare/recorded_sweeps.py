@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 
-from drfmcw_node.estimation import Flag
+from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 

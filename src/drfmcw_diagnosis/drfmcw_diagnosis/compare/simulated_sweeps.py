@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements, synthesise
+from drfmcw_sim.effects import ActsOn, Effect, Motion, Stage
+from drfmcw_sim.measurements import Measurements
+from drfmcw_sim.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures
 from .groups import Part, align
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
 
-_UNSEEN = ('noise', 'reference')  # what effects act on that sweeps free of noise do not show
+_UNSEEN = ActsOn.NOISE | ActsOn.REFERENCE  # in sweeps free of noise
 
 
 class SimulatedSweeps:
@@ -32,13 +32,13 @@ class SimulatedSweeps:
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
         as it does in a recording's sweeps of random phase; over a whole turn what is added to the samples does too.
         """
-        return self._noise_free(part, tuple(e for e in effects if e.acts_on not in _UNSEEN))
+        return self._noise_free(part, tuple(e for e in effects if e.acts_on & ~_UNSEEN))
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
-        distorting = any(effect.distorts() for effect in effects)
-        swaying = any(effect.name == 'sway' for effect in effects)
-        added = any(effect.acts_on == 'samples' and effect.stage < Stage.FILTER for effect in effects)
+        distorting = any(effect.distorts for effect in effects)
+        swaying = any(effect.motion is Motion.SWAY for effect in effects)
+        added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
         copies = SIMULATION.distorted if distorting or swaying else 4 if added else 2
         each, moved = self.copies(part, effects, copies, swaying, harmonic=not effects, turns=1.0 if added else 0.5)
         features = _mean(each, copies)

@@ -32,10 +32,10 @@ from scipy.ndimage import median_filter
 
 from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
 from drfmcw_fusion.combination import Station as Share
-from drfmcw_node.estimation import Estimates, EstimatorSettings
-from drfmcw_node.pair import PairEstimator, SingleEstimator
-from drfmcw_node.processing import Beat
-from drfmcw_node.spectral import window_samples
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.pair import PairEstimator, SingleEstimator
+from drfmcw_node.estimators.spectral import window_samples
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings

@@ -12,7 +12,7 @@ import yaml
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros.cli import write_atomically
-from drfmcw_sim.effects import Effect, effect_from_mapping
+from drfmcw_sim.effects import Effect, Of, effect_from_mapping
 from drfmcw_sim.scenario import TimingSettings, WeatherSettings, scenario_from_mapping
 
 from ..recording.dataset import Dataset
@@ -164,7 +164,7 @@ def _distances(
     of_reference = [
         e
         for i, mapping in enumerate(effects)
-        if (e := effect_from_mapping(mapping, f'effects[{i}]', list(dataset.stations))).of == 'reference'
+        if (e := effect_from_mapping(mapping, f'effects[{i}]', list(dataset.stations))).of is Of.REFERENCE
     ]
     distances, steps = [], []
     for number, start in enumerate(starts):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError, nearest, parameter
 from drfmcw_ros.cli import write_atomically
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import Effect, Motion
 
 from ..engine import check, diagnose_dataset
 from ..finding import wording
@@ -24,6 +24,11 @@ OK, WARN, STALE = 'ok', 'warn', 'stale'
 """How a statement is to be taken."""
 
 _SILENT = 10.0  # without sweeps, after which what was said counts as stale [s]
+
+
+def _driving() -> list[str]:
+    """Return the effects by which a crane drives, which is no reason to warn."""
+    return [name for name, cls in sorted(Effect.registry.items()) if cls.motion is Motion.DRIVE]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +47,7 @@ class WatchSettings:
         60.0, unit='s', bounds=(0.0, 1e6), description='how long a finding stays a warning after it has gone'
     )
     expected: list[str] = parameter(
-        ['target_motion'], description='effects that are no reason to warn; an empty name stands for none'
+        _driving(), description='effects that are no reason to warn; an empty name stands for none'
     )
 
     def __post_init__(self) -> None:
@@ -278,7 +283,7 @@ class Watch:
             said = 'the model does not explain the data, and no known effect accounts for it'
             if diagnosis.locations:
                 worst = max(diagnosis.locations, key=lambda x: x.share)
-                said += f'; most of it in: {wording.place(worst.level, worst.station)}, {wording.span(worst)}'
+                said += f'; most of it in: {wording.level_title(worst.level, worst.station)}, {wording.span(worst)}'
             return said
         said = f'left out of the model: {wording.with_sizes(diagnosis.explanation)}'
         for rival in diagnosis.alternatives:

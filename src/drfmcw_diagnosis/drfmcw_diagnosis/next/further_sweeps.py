@@ -11,7 +11,7 @@ import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import Effect, Motion, Of, Stage
 from drfmcw_sim.nominal import link_budget
 from drfmcw_sim.signal_model import synthesise
 
@@ -166,11 +166,10 @@ class _Sweeps(Measurement):
 
 
 def _at(effect: Effect, groups: Sequence[int]) -> Effect:
-    """Return an effect whose velocities differ from group to group with those of some groups alone."""
-    velocity = getattr(effect, 'velocity', ())
-    if len(velocity) < 2:
-        return effect
-    return dataclasses.replace(effect, velocity=tuple(velocity[g] for g in groups))
+    """Return an effect whose parameters differ from group to group with those of some groups alone."""
+    lists = {name: getattr(effect, name) for name in effect.list_parameters()}
+    chosen = {name: tuple(values[g] for g in groups) for name, values in lists.items() if len(values) > 1}
+    return dataclasses.replace(effect, **chosen)
 
 
 def _same(comparison: Comparison, places: int, **changes: Any) -> Conditions:
@@ -222,8 +221,8 @@ class Baseline(_Sweeps):
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what belongs to the crane and to the reference instrument."""
-        moving = effect.name in ('slant_geometry', 'sway', 'target_motion')
-        return None if moving or effect.of == 'reference' else effect
+        of_crane = effect.motion is not Motion.NONE or effect.stage is Stage.GEOMETRY
+        return None if of_crane or effect.of is Of.REFERENCE else effect
 
     def spread(self, made: Comparison) -> np.ndarray:
         """Return that of the tape."""
@@ -328,7 +327,7 @@ class Repeated(_Sweeps):
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out motion where the crane is held."""
-        return None if self.still and effect.name in ('sway', 'target_motion') else effect
+        return None if self.still and effect.motion is not Motion.NONE else effect
 
 
 @dataclasses.dataclass(frozen=True)
@@ -337,8 +336,12 @@ class Exchanged(_Sweeps):
 
     text = 'Repeat the sweeps with another calibrated station in the place of {m.station}.'
 
-    untellable = frozenset({'delay_offset', 'amplitude_loss', 'echo'})  # may belong to the path or to either station
     station: str
+
+    @staticmethod
+    def predictable(effect: type[Effect]) -> bool:
+        """Return False of an effect that may be the path's or either station's."""
+        return not effect.movable
 
     def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the recording's conditions; None where a station hears itself."""
@@ -346,7 +349,7 @@ class Exchanged(_Sweeps):
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what the station did."""
-        if effect.of != 'station':
+        if effect.of is not Of.STATION:
             return effect
         left = [s for s in comparison.data.stations if s != self.station and effect.applies_to(s)]
         return dataclasses.replace(effect, station=left[0]) if left else None

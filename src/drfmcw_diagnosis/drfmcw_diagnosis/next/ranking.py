@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from drfmcw_physics.settings import declared_parameters
-from drfmcw_sim.effects import Effect
 
 from ..finding.result import NextMeasurement
 from ..search.fitting import Fitted, Fitting
@@ -65,7 +64,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
     slopes = []
     for number, effect in enumerate(fitted.effects):
         for name in effect.candidate.free:
-            declared = declared_parameters(Effect.registry[effect.candidate.effect])[name.partition('[')[0]][1]
+            declared = declared_parameters(effect.candidate.kind)[name.partition('[')[0]][1]
             step = effect.candidate.recipe.step(name, effect.values[name])
             if declared.bounds and effect.values[name] + step > declared.bounds[1]:
                 step = -step
@@ -110,10 +109,10 @@ def ranked(
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
     places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.places))
-    names = {e.candidate.effect for f in explanations for e in f.effects}
+    kinds = {e.candidate.kind for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
-        view = None if measurement.untellable & names else measurement.view(comparison, places)
+        view = measurement.view(comparison, places) if all(map(measurement.predictable, kinds)) else None
         if view is None:
             continue
         shown = [_predicted(f, view.show) for f in explanations]
@@ -128,7 +127,7 @@ def ranked(
 def _cost(fitted: Fitted) -> int:
     """Return the effort of predicting an explanation and its derivatives at one place."""
     predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
-    distorting = any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects)
+    distorting = any(e.candidate.kind.distorts for e in fitted.effects)
     return predictions * (FURTHER.distorting if distorting else 1)
 
 

@@ -12,8 +12,9 @@ from drfmcw_fusion.offline import Reference
 from drfmcw_fusion.pipeline import RangeFusion
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_fusion.statistics import reference_at
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.processing import StationProcessor, Sweep, refusal
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.processing.processor import StationProcessor, refusal
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
@@ -22,8 +23,8 @@ from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency
 from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import from_message
 from drfmcw_ros.topics import is_measured, split_station_topic
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.nominal import link_budget, nominal_measurements
-from drfmcw_sim.signal_model import Measurements
 
 from .conditions import WEATHER, Conditions
 from .grouping import groups, slopes
@@ -45,7 +46,7 @@ class Lines:
     phase: np.ndarray  # (stations, n) [rad]
     power: np.ndarray  # (stations, n) at the receive antenna port [dBm]
     noise_density: np.ndarray  # (stations, n) of the additive noise at the receive antenna port [dBm/Hz]
-    flags: np.ndarray  # (stations, n) bits of drfmcw_node.estimation.Flag
+    flags: np.ndarray  # (stations, n) bits of drfmcw_node.estimators.estimation.Flag
     range: np.ndarray  # (n,) [m]
     range_std: np.ndarray  # (n,) [m]
 

@@ -131,7 +131,7 @@ class Fitting:
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
-        limits = [self.bounds(chosen[i].effect, name) for i, name in names]
+        limits = [self.bounds(chosen[i], name) for i, name in names]
         prior = np.array([chosen[i].prior(name) for i, name in names])
         y = self.comparison.residual
 
@@ -193,7 +193,7 @@ class Fitting:
 
     def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
         """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
-        if not any(Effect.registry[c.effect].bursts() for c in chosen):
+        if not any(c.kind.bursts for c in chosen):
             return self._weight
         doubt = np.zeros(len(template))
         for kind in self.comparison.kinds:
@@ -205,14 +205,14 @@ class Fitting:
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""
         step = candidate.recipe.step(name, value)
-        return -step if value + step > self.bounds(candidate.effect, name)[1] else step
+        return -step if value + step > self.bounds(candidate, name)[1] else step
 
-    def bounds(self, effect: str, name: str) -> tuple[float, float]:
-        """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
+    def bounds(self, candidate: Candidate, name: str) -> tuple[float, float]:
+        """Return the bounds of a parameter: as declared, and a time no longer than the recording if the recipe says."""
         base = name.partition('[')[0]
-        _, declared = declared_parameters(Effect.registry[effect])[base]
+        _, declared = declared_parameters(candidate.kind)[base]
         low, high = declared.bounds or (-math.inf, math.inf)
-        if base == 'time_constant':  # what takes much longer than the recording is an offset or a steady drift
+        if base in candidate.recipe.within_recording:
             high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
         return low, high
 
@@ -239,22 +239,26 @@ class Fitting:
     def _explained(self, fitted: 'Fitted') -> Explained:
         """Return what the doubt about forward models asks of an explanation."""
         c = self.comparison
-        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
-        clocks = [e.values['deviation'] for e in fitted.effects if e.candidate.effect == 'sample_clock_offset']
+        kinds = [e.candidate.kind for e in fitted.effects]
+        incoherence = [
+            doubt / c.known.trust * abs(effect.values[name])
+            for effect in fitted.effects
+            for name, doubt in effect.candidate.recipe.incoherence.items()
+        ]
         return Explained(
             recorded=c.recorded,
             trust=c.known.trust,
-            distorting=any(e.distorts() for e in registered),
-            bursting=any(e.bursts() for e in registered),
+            distorting=any(kind.distorts for kind in kinds),
+            bursting=any(kind.bursts for kind in kinds),
             distorted=self._distorted(fitted),
-            clocks_apart=sum(map(abs, clocks)),
+            incoherence=tuple(incoherence),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
 
     def _distorted(self, fitted: 'Fitted') -> tuple[int, ...]:
         """Return the numbers of the receivers that an explanation distorts."""
         receivers = self.comparison.receivers
-        distorting = [e.key for e in fitted.effects if Effect.registry[e.candidate.effect].distorts()]
+        distorting = [e.key for e in fitted.effects if e.candidate.kind.distorts]
         return tuple(i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting))
 
     def slopes(self, fitted: Fitted) -> np.ndarray:

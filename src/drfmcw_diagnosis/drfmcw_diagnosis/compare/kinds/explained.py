@@ -17,5 +17,5 @@ class Explained:
     distorting: bool  # one of its effects distorts the IF
     bursting: bool  # one of its effects comes and goes
     distorted: tuple[int, ...]  # stations with samples whose IF is distorted
-    clocks_apart: float  # by which it has the ADC clocks differ [ppm]
+    incoherence: tuple[float, ...]  # doubt of each parameter about the coherence, over `trust`
     changing: Callable[[], np.ndarray]  # computes by how much it makes the ramp change, see `Comparison.changing`

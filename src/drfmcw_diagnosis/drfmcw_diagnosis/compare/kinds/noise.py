@@ -104,8 +104,10 @@ class Coherence(_InBands):
         return expected.noise[1]
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
-        """Doubt it further where ADC clocks differ, as noise is compared sample by sample."""
-        return size + MODEL.clock_coherence / explained.trust * explained.clocks_apart
+        """Doubt it further where an effect makes noise incoherent, as differing ADC clocks do."""
+        for doubt in explained.incoherence:
+            size = size + doubt
+        return size
 
 
 def _scatter(evidence: Evidence) -> np.ndarray:

@@ -1,0 +1,137 @@
+"""Sends a station's recorded sweeps as a digitiser would: an example of the feed protocol, and a test signal.
+
+ros2 run drfmcw_node send_sweeps RECORDING --station master --to tcp://127.0.0.1:9000
+"""
+
+import argparse
+import select
+import socket
+import sys
+import time
+import urllib.parse
+from collections.abc import Sequence
+
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import Parser, guarded
+
+from .feed import Frame, decode_requests, encode, encode_fragments
+from .recording import recorded_frames
+
+_RETRY = 1.0  # [s]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Send and return the exit status."""
+    parser = Parser(prog='send_sweeps', description='Send recorded sweeps to a station node as a digitiser would.')
+    parser.add_argument('recording', help='rosbag2 recording with if_samples and sweep_config')
+    parser.add_argument('--station', required=True, help='whose sweeps are sent')
+    parser.add_argument('--to', required=True, metavar='tcp://HOST:PORT', help='or udp://HOST:PORT, the station node')
+    parser.add_argument('--rate', type=float, default=0.0, metavar='HZ', help='sweeps per second (as recorded)')
+    parser.add_argument('--repeat', type=int, default=1, metavar='N', help='send the recording N times (default: 1)')
+    parser.add_argument('--now', action='store_true', help='stamp sweeps with the time of sending')
+    arguments = parser.parse_args(argv)
+    return guarded(parser.prog, lambda: _send(arguments))
+
+
+def _send(arguments: argparse.Namespace) -> None:
+    target = urllib.parse.urlsplit(arguments.to)
+    try:
+        address = (target.hostname, target.port)
+    except ValueError:
+        address = (None, None)
+    if target.scheme not in ('tcp', 'udp') or None in address:
+        raise ConfigurationError(f"--to '{arguments.to}' is not tcp://HOST:PORT or udp://HOST:PORT")
+    if arguments.rate < 0.0 or arguments.repeat < 1:
+        raise ConfigurationError('--rate must not be negative and --repeat at least 1')
+    _, sweeps = recorded_frames(arguments.recording, arguments.station)
+    sender = _TcpSender(address) if target.scheme == 'tcp' else _UdpSender(address)
+    span = sweeps[-1][0].stamp - sweeps[0][0].stamp + 1_000_000
+    start, sent = time.monotonic(), 0
+    for round_number in range(arguments.repeat):
+        for sweep, settings in sweeps:
+            passed = sweep.stamp - sweeps[0][0].stamp + round_number * span
+            due = sent / arguments.rate if arguments.rate else passed * 1e-9
+            time.sleep(max(0.0, start + due - time.monotonic()))
+            stamp = time.time_ns() if arguments.now else sweep.stamp + round_number * span
+            sender.send(
+                Frame(
+                    sweep_id=sweep.sweep_id + round_number * (sweeps[-1][0].sweep_id + 1),
+                    stamp=stamp,
+                    full_scale=sweep.full_scale,
+                    iq=sweep.iq,
+                    samples=sweep.samples,
+                    peer=sweep.peer,
+                    mode=settings.mode,
+                    start_delay=settings.start_delay,
+                )
+            )
+            sent += 1
+    sender.close()
+    print(f'{sent} sweeps sent to {arguments.to}')
+
+
+class _TcpSender:
+    """Connects, and connects again where the station went away."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self._address = address
+        self._socket: socket.socket | None = None
+        self._received = b''
+
+    def send(self, frame: Frame) -> None:
+        """Send one frame; wait for the station where it is not there."""
+        data = encode(frame)
+        while True:
+            try:
+                if self._socket is None:
+                    self._socket = socket.create_connection(self._address, timeout=5.0)
+                self._socket.sendall(data)
+                self._say_requests()
+                return
+            except OSError as error:
+                print(f'send_sweeps: {self._address[0]}:{self._address[1]}: {error}; trying again', file=sys.stderr)
+                if self._socket is not None:
+                    self._socket.close()
+                self._socket = None
+                time.sleep(_RETRY)
+
+    def close(self) -> None:
+        """End the connection after everything was sent."""
+        if self._socket is not None:
+            self._socket.close()
+
+    def _say_requests(self) -> None:
+        """Show what the station asks for; a recording cannot follow it."""
+        while select.select([self._socket], [], [], 0.0)[0]:
+            data = self._socket.recv(4096)
+            if not data:
+                raise ConnectionError('the station closed the connection')
+            requests, self._received = decode_requests(self._received + data)
+            for request in requests:
+                print(f'requested: mode {request.mode}, start_delay {request.start_delay:g} s, peer {request.peer!r}')
+
+
+class _UdpSender:
+    """Sends datagrams, whether or not someone receives them."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        try:
+            family, kind, _, _, self._address = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise ConfigurationError(f'{address[0]}:{address[1]}: {error}') from None
+        self._socket = socket.socket(family, kind)
+        self._number = 0
+
+    def send(self, frame: Frame) -> None:
+        """Send one frame."""
+        for datagram in encode_fragments(frame, self._number):
+            self._socket.sendto(datagram, self._address)
+        self._number += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
