@@ -71,10 +71,10 @@ def _outliers() -> tuple[float, float]:
         frequency = rng.uniform(30e3, 990e3, 500)
         line = np.cos(2 * np.pi * frequency[:, None] * t + rng.uniform(0, 2 * np.pi, (500, 1)))
         samples = np.round(100 * (line + sigma * rng.normal(size=line.shape))).astype(np.int16)
-        ours += np.count_nonzero(np.abs(estimate(samples, 8192.0).frequency - frequency) > 2000.0)
+        ours += int(np.count_nonzero(np.abs(estimate(samples, 8192.0).frequency - frequency) > 2000.0))
         power = np.abs(scipy.fft.rfft(samples[:, window].astype(np.float32), 8 * sweep.sample_count)) ** 2
         found = (power[:, 64 : 8 * 1016].argmax(axis=1) + 64) * (sweep.sample_rate / 8 / sweep.sample_count)
-        reference += np.count_nonzero(np.abs(found - frequency) > 2000.0)
+        reference += int(np.count_nonzero(np.abs(found - frequency) > 2000.0))
     return ours / _LINES, reference / _LINES
 
 
@@ -84,8 +84,8 @@ def _recorded(name: str) -> tuple[float, float]:
     The instrument that gave the reference contributes to both.
     """
     replay = replay_recording(str(_RECORDING), EstimatorSettings(estimator=name))
-    rows = [r for r in setting_statistics(replay.results, replay.reference) if r.reference > 900.0]
-    predicted = [r.range_std**2 + r.reference_std**2 for r in rows]
+    rows = [r for r in setting_statistics(replay.results, replay.reference) if (r.reference or 0.0) > 900.0]
+    predicted = [r.range_std**2 + (r.reference_std or 0.0) ** 2 for r in rows]
     return 1e3 * math.sqrt(np.mean([r.std**2 for r in rows])), 1e3 * math.sqrt(np.mean(predicted))
 
 

@@ -1,6 +1,7 @@
 """Speed of the estimators on simulated sweeps, beside NumPy, SciPy and scikit-radar doing the same in the same run."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import references
@@ -64,7 +65,7 @@ def bench_estimation(seconds: float, console: Console) -> list[Figure]:
     jobs |= {f'pair {d:g}': material[d].pairs() for d in material}
     first, second = equal.samples
 
-    def reference(function: Callable, *arrays: np.ndarray, **keywords) -> Callable[[], int]:
+    def reference(function: Callable[..., Any], *arrays: np.ndarray, **keywords: Any) -> Callable[[], int]:
         def work() -> int:
             function(*arrays, **keywords)
             return len(arrays[0])

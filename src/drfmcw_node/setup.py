@@ -13,6 +13,7 @@ setup(
         ('share/' + NAME, ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
     zip_safe=True,
     maintainer='drfmcw maintainers',
     maintainer_email='drfmcw@example.com',
@@ -22,7 +23,7 @@ setup(
         'console_scripts': [
             'station = drfmcw_node.station:main',
             'pair_station = drfmcw_node.pair_station:main',
-            'send_sweeps = drfmcw_node.sources.send_sweeps:main',
+            'send_sweeps = drfmcw_node.send_sweeps:main',
         ],
     },
 )

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from drfmcw_node.sources.compression import CODECS, CompressionError, compress, decompress
+from drfmcw_node.compression import CODECS, CompressionError, compress, decompress
 from drfmcw_physics.settings import ConfigurationError
 
 

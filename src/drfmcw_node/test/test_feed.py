@@ -21,6 +21,7 @@ from drfmcw_node.sources.feed import (
     encode_fragments,
     encode_request,
 )
+from drfmcw_node.sources.sockets import SocketSettings
 from drfmcw_node.sources.tcp import TcpSource
 from drfmcw_node.sources.udp import UdpSource
 from drfmcw_physics.settings import ConfigurationError
@@ -140,9 +141,13 @@ def received():
     return Received()
 
 
+def opened(source, received, port=0):
+    return source('master', SocketSettings(ip_port=port), deliver=received.deliver, failed=received.errors.append)
+
+
 def test_tcp_survives_a_lost_connection(received):
     """A digitiser that vanishes in mid-frame, even without closing, can come back."""
-    source = TcpSource('127.0.0.1', 0, deliver=received.deliver, failed=received.errors.append)
+    source = opened(TcpSource, received)
     source.start()
     try:
         silent = socket.create_connection(('127.0.0.1', source.port), WAIT)
@@ -165,7 +170,7 @@ def test_tcp_survives_a_lost_connection(received):
 
 
 def test_udp(received):
-    source = UdpSource('127.0.0.1', 0, deliver=received.deliver, failed=received.errors.append)
+    source = opened(UdpSource, received)
     source.start()
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -183,4 +188,4 @@ def test_address_in_use_is_said(received):
     with socket.create_server(('127.0.0.1', 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(ConfigurationError, match=f'ip_port {port}'):
-            TcpSource('127.0.0.1', port, deliver=received.deliver, failed=received.errors.append)
+            opened(TcpSource, received, port)

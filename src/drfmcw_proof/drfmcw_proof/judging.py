@@ -96,7 +96,7 @@ def judge(truth: Mapping[str, Any], finding: Mapping[str, Any], apart: Sequence[
     if finding['effects']:
         named = keys(finding['effects']), *(keys(a['effects']) for a in finding['alternatives'])
     alike = {n for n, d in zip(named, apart, strict=False) if d is not None and d < SEPARABLE}
-    alike = (alike | {keys(rival) for rival in truth['rivals']}) - {wanted}
+    alike = (alike | _rivals(truth)) - {wanted}
     outcome, reason = _outcome(truth, finding, wanted, named, alike)
     pulls: tuple[Pull, ...] = ()
     if named and named[0] == wanted:
@@ -116,34 +116,54 @@ def _outcome(
         return _of_null(truth, finding, named)
     if verdict == 'consistent':
         return 'missed', 'called consistent'
-    rivals = {keys(rival) for rival in truth['rivals']}
-    unknown = [e for e in truth['effects'] if not e['registered'] or e['effect'] in truth['without']]
-    if unknown:
-        if verdict == 'unexplained':
-            return 'right', 'unexplained, as it should be'
-        if alike >= set(named):
-            how = 'right' if rivals & set(named) else 'imitated'
-            return how, f'called {verdict} by an effect that the data cannot separate from the truth'
-        return 'wrong', f'not in the registry, yet called {verdict}'
+    if any(not e['registered'] or e['effect'] in truth['without'] for e in truth['effects']):
+        return _of_unregistered(truth, verdict, named, alike)
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     if verdict == 'explained':
-        if named[0] in alike:
-            return 'wrong', 'one of several explanations that the data cannot separate, called the only one'
-        if named[0] != wanted:
-            return 'wrong', _difference(named[0], wanted)
-        if verdict not in truth['verdicts']:
-            return 'wrong', 'the truth, but called the only explanation although the data allow others'
-        return 'right', 'named'
+        return _of_explained(truth, wanted, named[0], alike)
+    return _of_ambiguous(truth, wanted, named, alike)
+
+
+def _of_unregistered(
+    truth: Mapping[str, Any], verdict: str, named: tuple[Explained, ...], alike: set[Explained]
+) -> tuple[str, str]:
+    if verdict == 'unexplained':
+        return 'right', 'unexplained, as it should be'
+    if alike >= set(named):
+        how = 'right' if _rivals(truth) & set(named) else 'imitated'
+        return how, f'called {verdict} by an effect that the data cannot separate from the truth'
+    return 'wrong', f'not in the registry, yet called {verdict}'
+
+
+def _of_explained(
+    truth: Mapping[str, Any], wanted: Explained, named: Explained, alike: set[Explained]
+) -> tuple[str, str]:
+    if named in alike:
+        return 'wrong', 'one of several explanations that the data cannot separate, called the only one'
+    if named != wanted:
+        return 'wrong', _difference(named, wanted)
+    if 'explained' not in truth['verdicts']:
+        return 'wrong', 'the truth, but called the only explanation although the data allow others'
+    return 'right', 'named'
+
+
+def _of_ambiguous(
+    truth: Mapping[str, Any], wanted: Explained, named: tuple[Explained, ...], alike: set[Explained]
+) -> tuple[str, str]:
     if wanted not in named:
         return 'wrong', 'ambiguous, the truth not among the explanations'
-    if rivals & set(named):
+    if _rivals(truth) & set(named):
         return 'right', 'ambiguous, the truth and its rivals named'
     if 'explained' not in truth['verdicts']:
         return 'wrong', 'ambiguous, none of the true rivals among the explanations'
     if alike >= set(named) - {wanted}:
         return 'right', 'ambiguous, the truth among explanations that the data cannot separate'
     return 'undecided', 'ambiguous, the truth among the explanations'
+
+
+def _rivals(truth: Mapping[str, Any]) -> set[Explained]:
+    return {keys(rival) for rival in truth['rivals']}
 
 
 def _of_null(truth: Mapping[str, Any], finding: Mapping[str, Any], named: tuple[Explained, ...]) -> tuple[str, str]:

@@ -168,7 +168,7 @@ def _pulls(records: Sequence[Record]) -> Figure | None:
     each.set_yticks(range(len(names)), names)
     each.set_xlim(-_CLIP - 0.5, _CLIP + 0.5)
     edges = np.arange(-_CLIP, _CLIP + 0.1, 0.5)
-    every.hist(clipped, edges, color='#9db4cb', density=True)
+    every.hist(clipped, edges.tolist(), color='#9db4cb', density=True)
     x = np.linspace(-_CLIP, _CLIP, 201)
     every.plot(x, stats.norm.pdf(x), color=_GREY, label='normal, as stated')
     every.set_yticks([])

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from rich.console import Console
@@ -182,7 +182,7 @@ def _alone(order: tuple[Sequence[str], Path]) -> Iterator[int]:
     yield status
 
 
-_Diagnosing = Worker[tuple[Sequence[str], Path], int]
+_Diagnosing: TypeAlias = Worker[tuple[Sequence[str], Path], int]
 
 
 class _Tries:
@@ -304,7 +304,7 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]
     groups = list(GROUPS) if arguments.groups is None else [g.strip() for g in arguments.groups.split(',')]
     for group in groups:
         if group not in GROUPS:
-            raise ConfigurationError(f"--groups: unknown group '{group}'{nearest(group, GROUPS)}")
+            raise ConfigurationError(f"--groups: unknown group '{group}'{nearest(group, list(GROUPS))}")
     if arguments.quick and arguments.times is not None:
         raise ConfigurationError('--times: --quick has one list of its own')
     return {

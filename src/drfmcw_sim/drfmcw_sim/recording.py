@@ -31,7 +31,7 @@ def to_rosbags(content: Any, name: str) -> Any:
     Serialised by rosbags, equal messages have equal bytes; rclpy leaves padding as it finds it.
     """
     types = typestore().types
-    cls = types[name]
+    cls: Any = types[name]
     values = {}
     for field in dataclasses.fields(cls):
         if field.name == 'header':

@@ -91,7 +91,7 @@ class Acknowledgements:
 
     def __init__(self, stations: Sequence[str]) -> None:
         """Start with nothing under way."""
-        self._waiting = {name: collections.deque() for name in stations}
+        self._waiting: dict[str, collections.deque[int]] = {name: collections.deque() for name in stations}
         self._progress = dict.fromkeys(stations, time.monotonic())
         self._sent_at = dict.fromkeys(stations, 0.0)
         self._heard: set[str] = set()

@@ -13,7 +13,7 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_physics.sweep import Mode
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.recording import events
-from drfmcw_sim.scenario import read_scenario, scenario_from_mapping
+from drfmcw_sim.scenario import PairSettings, read_scenario, scenario_from_mapping
 from drfmcw_sim.signal_model import synthesise
 from drfmcw_sim.timeline import IfSweep, Timeline
 from drfmcw_sim.trajectory import Drive, Profile, Standing
@@ -264,3 +264,9 @@ def test_every_effect_declares_its_parameters():
         assert cls.of in ('station', 'path', 'reference')
         assert cls.__doc__
         assert declared_parameters(cls)
+
+
+def test_pair_needs_a_trajectory():
+    """None would end in an error about an attribute, far from its cause."""
+    with pytest.raises(TypeError, match='trajectory'):
+        PairSettings('master', 'slave')

@@ -70,12 +70,8 @@ def grid(
         ConfigurationError: a key given twice or unknown, or a value that is not valid.
     """
     keys = [key for key, _ in varied]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise ConfigurationError(f"--vary: '{key}' is given twice")
-        if key == 'seed':
-            raise ConfigurationError("--vary: 'seed' is that of the whole study: --seed")
-    base = {'varied': {}, 'scenario': copy.deepcopy(dict(mapping)), 'estimator': {}, 'fusion': {}}
+    _check_keys(keys)
+    base: dict[str, Any] = {'varied': {}, 'scenario': copy.deepcopy(dict(mapping)), 'estimator': {}, 'fusion': {}}
     for assignment in assignments:
         _assign(base, assignment)
     varied = list(varied)
@@ -97,6 +93,14 @@ def grid(
         settings(point)  # refuses what is not valid before anything is tried
         points.append(point)
     return points
+
+
+def _check_keys(keys: Sequence[str]) -> None:
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ConfigurationError(f"--vary: '{key}' is given twice")
+        if key == 'seed':
+            raise ConfigurationError("--vary: 'seed' is that of the whole study: --seed")
 
 
 def _assign(point: dict[str, Any], assignment: str) -> None:

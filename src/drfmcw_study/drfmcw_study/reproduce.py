@@ -16,9 +16,10 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
-from . import claims, figures
-from .experiments import NOISE_FLOORS, Run, simulate_all
-from .sections import LABORATORY_PATH, SECTIONS, Finished, Section
+from .paper import claims, figures
+from .paper.catalogue import SECTIONS
+from .paper.experiments import NOISE_FLOORS, Run, simulate_all
+from .paper.section import LABORATORY_PATH, Finished, Section
 from .trials.study import StudyStopped
 
 _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a source checkout

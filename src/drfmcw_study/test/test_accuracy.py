@@ -184,3 +184,11 @@ def test_sweep_without_partner_is_evaluated_alone():
     assert processor.give_up() == []
     assert (processor.pairs, processor.unpaired, processor.waiting) == (20, 60, 0)
     assert all(b.flags == Flag.VALID for b in [*beats, *lonely, *last])
+
+
+def test_condition_without_lines_in_the_band_has_no_bound():
+    """A crane in long-distance mode at 15 m: no line stands where it is usual."""
+    cell = Cell('A', 15.0, Mode.LONG_DISTANCE, 0.0)
+    assert cell.lines() is None
+    with pytest.raises(ConfigurationError, match=r'A 15 m LD \+0 ppm: a line lies outside'):
+        cell.bound()

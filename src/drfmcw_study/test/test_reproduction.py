@@ -8,9 +8,10 @@ from scipy.stats import chi2
 
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.sweep import Mode
-from drfmcw_study import claims, reproduce
-from drfmcw_study.experiments import NOISE_FLOORS, Point, Run, predict, simulate_all, site
-from drfmcw_study.sections import SECTIONS
+from drfmcw_study import reproduce
+from drfmcw_study.paper import claims
+from drfmcw_study.paper.catalogue import SECTIONS
+from drfmcw_study.paper.experiments import NOISE_FLOORS, Point, Run, predict, simulate_all, site
 
 DOCUMENT = ROOT / 'docs' / 'reproduction.md'
 IDEAL = {'alphas': (1.0, 1.0), 'station': {'adc_bits': 16}}  # the table knows no quantisation noise

@@ -19,8 +19,8 @@ from drfmcw_msgs.msg import (
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
 
+from drfmcw_node.compression import CompressionError, decompress_message
 from drfmcw_node.processing.records import Sweep
-from drfmcw_node.sources.compression import CompressionError, decompress_message
 from drfmcw_node.station_settings import SWEEP_TOPICS
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_ros import qos

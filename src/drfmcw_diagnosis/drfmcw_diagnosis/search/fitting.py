@@ -239,19 +239,19 @@ class Fitting:
     def _explained(self, fitted: 'Fitted') -> Explained:
         """Return what the doubt about forward models asks of an explanation."""
         c = self.comparison
-        kinds = [e.candidate.kind for e in fitted.effects]
-        incoherence = [
-            doubt / c.known.trust * abs(effect.values[name])
+        acting = [e.candidate.kind for e in fitted.effects]
+        incoherent = [
+            doubt * abs(effect.values[name])
             for effect in fitted.effects
             for name, doubt in effect.candidate.recipe.incoherence.items()
         ]
         return Explained(
             recorded=c.recorded,
             trust=c.known.trust,
-            distorting=any(kind.distorts for kind in kinds),
-            bursting=any(kind.bursts for kind in kinds),
+            distorting=any(e.distorts for e in acting),
+            bursting=any(e.bursts for e in acting),
             distorted=self._distorted(fitted),
-            incoherence=tuple(incoherence),
+            incoherence=sum(incoherent),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
 

@@ -12,7 +12,7 @@ positive there too.
 import dataclasses
 import enum
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.fft
@@ -27,6 +27,9 @@ from .spectral import parabola_vertex, window_samples
 
 WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
 """scipy.signal.get_window names that can be chosen."""
+
+ESTIMATORS: dict[str, type['Estimator']] = {}
+"""Estimators by the name that `EstimatorSettings.estimator` selects; each registers itself."""
 
 TINY = 1e-30
 """Squared magnitude that stands for none at all [LSB^2]."""
@@ -52,14 +55,13 @@ class EstimatorSettings:
 
     estimator: str = parameter(
         'paper',
-        choices=('paper', 'hann', 'ml', 'pair'),
-        description='FFT, chirp-z zoom and parabola (paper), FFT and Newton steps (hann, fastest), maximum likelihood '
-        'with the mirror line (ml, most accurate), both stations together where both raw sweeps are at hand (pair)',
+        choices=ESTIMATORS,
+        description='how the line is found (docs/estimators.md compares them)',
     )
     window: str = parameter(
         'hann',
         choices=WINDOWS,
-        description='window over the common part of both sweeps; the other estimators have their own',
+        description='window over the common part of both sweeps, for an estimator that takes one',
     )
     zoom_points: int = parameter(33, bounds=(5, 1025), description='points of the chirp-z zoom')
     zoom_span: float = parameter(2.0, unit='bins', bounds=(1.0, 16.0), description='width of the chirp-z zoom')
@@ -81,9 +83,11 @@ class EstimatorSettings:
 
     def __post_init__(self) -> None:
         """Refuse an empty search range, and a window that would not be used."""
-        if self.estimator != 'paper' and self.window != 'hann':
+        taking = [name for name, cls in ESTIMATORS.items() if cls.takes_window]
+        if self.window != 'hann' and self.estimator not in taking:
+            named = ' and '.join(f"'{name}'" for name in taking)
             raise ConfigurationError(
-                f"window = '{self.window}' is for estimator 'paper'; '{self.estimator}' has its own"
+                f"window = '{self.window}' is for estimator {named}; '{self.estimator}' has its own"
             )
         if self.minimum_frequency >= self.maximum_frequency:
             raise ConfigurationError(
@@ -131,14 +135,23 @@ class Sweeps:
 class Estimator:
     """What every estimator shares: window, de-chirping, coarse search, noise, standard deviation and flags.
 
-    A subclass says in `_refine` how the line is found around its strongest bin.
+    A subclass gives its name, ``class PaperEstimator(Estimator, name='paper')``, and says in `_refine` how the line is
+    found around its strongest bin.
     """
+
+    takes_window: ClassVar[bool] = False
+    """True where the window that the settings choose is used; else it is 'hann'."""
 
     own_weighting: ClassVar[str] = ''
     """Window by which the estimate weighs the samples, where that is not the window of the search."""
 
     chunk: ClassVar[int] = 1 << 18
     """Samples worked on at once: many, to share the overhead of calls, few enough for the cache."""
+
+    def __init_subclass__(cls, name: str, **kwargs: Any) -> None:
+        """Register the estimator under its name."""
+        super().__init_subclass__(**kwargs)
+        ESTIMATORS[name] = cls
 
     def __init__(
         self,

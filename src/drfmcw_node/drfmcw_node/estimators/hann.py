@@ -1,5 +1,7 @@
 """The fast estimator: FFT under a Hann window, then Newton steps to the spectrum's peak from nine bins alone."""
 
+from typing import Any
+
 import numpy as np
 
 from .estimation import TINY, Estimator, Sweeps
@@ -9,7 +11,7 @@ _STEPS = 2  # of Newton's method, from a parabola's 0.02 bins
 _GRID = np.linspace(-0.75, 0.75, 193)  # offsets from the strongest bin at which the truncation is calibrated [bins]
 
 
-class HannEstimator(Estimator):
+class HannEstimator(Estimator, name='hann'):
     """The peak of the Hann-windowed spectrum as `paper` finds it, without its zoom.
 
     At a frequency b + d between bins, the windowed spectrum and its derivative are sums over all bins,
@@ -17,7 +19,7 @@ class HannEstimator(Estimator):
     which depends on d alone and is calibrated on a clean line.
     """
 
-    def __init__(self, *args, **kwargs) -> None:
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Calibrate; arguments as for `Estimator`."""
         super().__init__(*args, **kwargs)
         self._around = np.arange(-_REACH, _REACH + 1)

@@ -19,6 +19,7 @@ de-modulated sweep; S_k at any nearby frequency follow from these by a Taylor se
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -37,12 +38,12 @@ _SIDE_LOBE = 1.0 / 16.0  # of a line's power in the windowed spectrum, below whi
 _STRIDE = 8  # of the bins among which the noise's median is taken
 
 
-class MaximumLikelihoodEstimator(Estimator):
+class MaximumLikelihoodEstimator(Estimator, name='ml'):
     """Meets the Cramer-Rao bound of a real sweep; 1.53 times more accurate than a Hann window."""
 
     own_weighting = 'boxcar'
 
-    def __init__(self, *args, **kwargs) -> None:
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Prepare tables; arguments as for `Estimator`."""
         super().__init__(*args, **kwargs)
         rate = self.sweep.sample_rate

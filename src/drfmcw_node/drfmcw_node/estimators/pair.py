@@ -364,6 +364,10 @@ class SingleEstimator(BlockEstimator):
         ]
 
 
+class PartnerlessEstimator(MaximumLikelihoodEstimator, name='pair'):
+    """Both stations' sweeps together (`PairEstimator`); this, maximum likelihood, for a sweep without its partner."""
+
+
 def _chirp(blocks: np.ndarray, size: int, multiple: int) -> np.ndarray:
     """Return the chirp of which `blocks` (B, K) of `size` samples have a multiple (B,) [cycles per sample^2]."""
     lag = blocks.shape[1] // 2

@@ -1,17 +1,20 @@
 """The paper's on-board engine: FFT, chirp-z zoom, parabola."""
 
+from typing import Any
+
 import numpy as np
 
 from .estimation import TINY, Estimator, Sweeps
 from .spectral import ChirpZ, parabola_value, parabola_vertex
 
 
-class PaperEstimator(Estimator):
+class PaperEstimator(Estimator, name='paper'):
     """The paper's on-board engine (section III): FFT, chirp-z zoom, parabola through the log magnitude."""
 
+    takes_window = True
     chunk = 1 << 16  # the zoom's temporaries are eight times as large as the others'
 
-    def __init__(self, *args, **kwargs) -> None:
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Prepare the chirp-z transform; arguments as for `Estimator`."""
         super().__init__(*args, **kwargs)
         self._zoom = ChirpZ(

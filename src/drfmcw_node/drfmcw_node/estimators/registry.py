@@ -5,18 +5,7 @@ import functools
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
-from .estimation import Estimator, EstimatorSettings
-from .hann import HannEstimator
-from .maximum_likelihood import MaximumLikelihoodEstimator
-from .paper import PaperEstimator
-
-ESTIMATORS: dict[str, type[Estimator]] = {
-    'paper': PaperEstimator,
-    'hann': HannEstimator,
-    'ml': MaximumLikelihoodEstimator,
-    'pair': MaximumLikelihoodEstimator,  # of a sweep without its partner; with it: pair.pair_estimator
-}
-"""Estimators by the name that `EstimatorSettings.estimator` selects."""
+from .estimation import ESTIMATORS, Estimator, EstimatorSettings
 
 
 @functools.lru_cache(maxsize=64)
@@ -29,3 +18,12 @@ def estimator(
 ) -> Estimator:
     """Return the estimator chosen in `settings`, prepared for one setting; arguments as for `Estimator`."""
     return ESTIMATORS[settings.estimator](sweep, settings, iq, own, peer)
+
+
+def estimator_table() -> str:
+    """Return a Markdown table of the estimators: name, what it does, and whether it takes a window."""
+    rows = ['| estimator | how it finds the line | window |', '|---|---|---|']
+    for name, cls in ESTIMATORS.items():
+        summary = (cls.__doc__ or '').partition('\n')[0]
+        rows.append(f'| `{name}` | {summary} | {"as set" if cls.takes_window else "its own"} |')
+    return '\n'.join(rows)

@@ -1,4 +1,10 @@
-"""Where a station's sweeps come from besides its topic, and their compression. One source per file.
+"""Where a station's sweeps come from besides its topic: one source per file, registered by its name.
 
-In: bytes of a digitiser, compressed sweeps or a recording. Out: `Frame`, `Sweep` and their settings.
+In: what a digitiser sends, or a recording. Out: `Frame`, or `Sweep` with settings and calibrations, in order.
 """
+
+import importlib
+import pkgutil
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f'{__name__}.{_module.name}')

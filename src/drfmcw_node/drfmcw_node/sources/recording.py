@@ -1,9 +1,11 @@
-"""Source `recording`: one station's sweeps out of a rosbag2 recording."""
+"""Source `recording`: one station's sweeps from a rosbag2 recording."""
 
+import dataclasses
 import time
 from typing import Any
 
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import from_message
@@ -11,40 +13,49 @@ from drfmcw_ros.messages import from_message
 from ..processing.records import Sweep
 from .source import BATCH, Source
 
-_KINDS = {'if_samples': Sweep, 'sweep_config': SweepSettings, 'calibration': Calibration}
+_KINDS: dict[str, type] = {'if_samples': Sweep, 'sweep_config': SweepSettings, 'calibration': Calibration}
 
 
-class RecordingSource(Source):
-    """Plays one station's sweeps from a recording, with the settings and calibrations that stand in it."""
+@dataclasses.dataclass(frozen=True)
+class RecordingSettings:
+    """Which recording is played, and how fast."""
 
-    def __init__(self, path: str, station: str, rate: float, **kwargs: Any) -> None:
-        """Open the recording.
+    recording: str = parameter('', structural=True, description='path of the rosbag2 recording, of source recording')
+    recording_rate: float = parameter(
+        1.0, structural=True, bounds=(0.0, 1e6), description='times as fast as recorded; 0: as fast as possible'
+    )
 
-        Args:
-            path: of the rosbag2 recording.
-            station: whose sweeps are played.
-            rate: times as fast as recorded; 0 as fast as the station can.
-            kwargs: as `Source`.
+
+class RecordingSource(Source, name='recording'):
+    """Plays one station's sweeps from a recording, with the recorded settings and calibrations."""
+
+    settings = RecordingSettings
+    brings_settings = True
+
+    def __init__(self, station: str, settings: RecordingSettings, **kwargs: Any) -> None:
+        """Open the recording; arguments as for `Source`.
 
         Raises:
-            BagError: not readable, or without what is needed.
+            ConfigurationError: no recording is named.
+            BagError: it is not readable, or lacks what is needed.
         """
-        super().__init__(**kwargs)
-        self._path, self._station, self._rate = path, station, rate
-        with BagReader(path) as bag:
+        super().__init__(station, settings, **kwargs)
+        if not settings.recording:
+            raise ConfigurationError('recording: give the path of the recording that source recording plays')
+        self._path, self._station, self._rate = settings.recording, station, settings.recording_rate
+        with BagReader(self._path) as bag:
             for name in ('if_samples', 'sweep_config', 'calibration'):
                 bag.require(f'/{station}/{name}')
 
     def _run(self) -> None:
         self.connected = True
-        start = time.monotonic()
+        start, first = time.monotonic(), None
         with BagReader(self._path) as bag:
             topics = [t for t in bag.topics if t.endswith('/calibration')]
             topics += [f'/{self._station}/{name}' for name in ('sweep_config', 'if_samples')]
             pending: list[Any] = []
-            first = None
             for topic, _, message in bag.messages(topics):
-                item = from_message(message, _KINDS[topic.rsplit('/', 1)[-1]])
+                item = _converted(topic, message)
                 if isinstance(item, Sweep) and self._rate > 0.0:
                     first = item.stamp if first is None else first
                     due = start + (item.stamp - first) * 1e-9 / self._rate - time.monotonic()
@@ -71,12 +82,14 @@ def recorded_frames(path: str, station: str) -> tuple[SweepSettings, list[tuple[
     Raises:
         BagError: not readable, or without the station's sweeps or settings.
     """
+    settings: dict[str, SweepSettings] = {}
+    sweeps: list[tuple[Sweep, SweepSettings]] = []
+    first: SweepSettings | None = None
     with BagReader(path) as bag:
         for name in ('if_samples', 'sweep_config'):
             bag.require(f'/{station}/{name}')
-        settings, sweeps, first = {}, [], None
         for topic, _, message in bag.messages([f'/{station}/sweep_config', f'/{station}/if_samples']):
-            item = from_message(message, _KINDS[topic.rsplit('/', 1)[-1]])
+            item = _converted(topic, message)
             if isinstance(item, SweepSettings):
                 settings[item.peer] = item
                 first = first or item
@@ -85,3 +98,7 @@ def recorded_frames(path: str, station: str) -> tuple[SweepSettings, list[tuple[
     if first is None or not sweeps:
         raise BagError(f'{path}: no sweeps of {station} with settings')
     return first, sweeps
+
+
+def _converted(topic: str, message: Any) -> Any:
+    return from_message(message, _KINDS[topic.rsplit('/', 1)[-1]])

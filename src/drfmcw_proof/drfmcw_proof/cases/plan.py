@@ -9,6 +9,7 @@ seals its truth and writes its recording. Everything follows from the seed.
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -381,31 +382,21 @@ def _full(counts: Counts) -> Iterator[Builder]:
 
 def _once(counts: Counts) -> Iterator[Builder]:
     usual = Extent()
-    for kind in NULLS:
-        for _ in range(counts.nulls if kind == 'right' else counts.wrong_nulls):
-            yield partial(_null, kind=kind, extent=usual)
+    nulls = {kind: counts.nulls if kind == 'right' else counts.wrong_nulls for kind in NULLS}
+    yield from (partial(_null, kind=kind, extent=usual) for kind, count in nulls.items() for _ in range(count))
     for effect in REGISTERED:
-        for d in counts.sizes:
-            yield partial(_single, effect=effect, d=d, extent=usual)
-        for d in counts.strong_sizes:
-            yield partial(_single, effect=effect, d=d, extent=usual, group='strong')
-        for d in counts.left_out_sizes:
-            yield partial(_left_out, effect=effect, d=d, extent=usual)
-    for _ in range(counts.drives):
-        yield partial(_drive, extent=usual)
-    for _ in range(counts.pairs):
-        yield partial(_pair, effects=None, d=None, extent=usual)
-    for _ in range(counts.strong_pairs):
-        yield partial(_strong_pair, extent=usual)
+        yield from (partial(_single, effect=effect, d=d, extent=usual) for d in counts.sizes)
+        yield from (partial(_single, effect=effect, d=d, extent=usual, group='strong') for d in counts.strong_sizes)
+        yield from (partial(_left_out, effect=effect, d=d, extent=usual) for d in counts.left_out_sizes)
+    yield from itertools.repeat(partial(_drive, extent=usual), counts.drives)
+    yield from itertools.repeat(partial(_pair, effects=None, d=None, extent=usual), counts.pairs)
+    yield from itertools.repeat(partial(_strong_pair, extent=usual), counts.strong_pairs)
     for effect in OUTSIDE:
-        for d in counts.outside_sizes:
-            yield partial(_single, effect=effect, d=d, extent=usual, group='outside')
+        yield from (partial(_single, effect=effect, d=d, extent=usual, group='outside') for d in counts.outside_sizes)
     for kind in DECOYS:
-        for _ in range(counts.decoys):
-            yield partial(_decoy, kind=kind, d=14.0, extent=usual)
+        yield from itertools.repeat(partial(_decoy, kind=kind, d=14.0, extent=usual), counts.decoys)
     for kind in AMBIGUOUS:
-        for _ in range(counts.ambiguous):
-            yield partial(_ambiguous, kind=kind, d=14.0, extent=usual)
+        yield from itertools.repeat(partial(_ambiguous, kind=kind, d=14.0, extent=usual), counts.ambiguous)
 
 
 def _two(random: np.random.Generator) -> tuple[str, str]:

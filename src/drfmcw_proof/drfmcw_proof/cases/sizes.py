@@ -174,7 +174,11 @@ class _Changes:
 
 
 def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
-    first, again, supports, own, own_before = [], [], [], [], []
+    first: list[np.ndarray] = []
+    again: list[np.ndarray] = []
+    supports: list[np.ndarray] = []
+    own: list[np.ndarray] = []
+    own_before: list[np.ndarray] = []
     for s in (FIRST, SECOND):
         old, new = clean(before, s, rows), clean(after, s, rows)
         # where a chirp is off, a filter's answer to its edge is no line whose change could be told
@@ -298,11 +302,11 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
             noise += 0.5 * len(everything) * freedom * math.log1p(excess) ** 2
         noise += weight * _of_own_phases(change, precision, weighted, spread)
         for s in (FIRST, SECOND):
-            one, other = (
+            without, with_them = (
                 sum(_of_bursts(before, int(rows[0]), (covariance, present), *b) for b in listed if b[0] == s)
                 for listed in bursts
             )
-            noise += len(everything) * (math.sqrt(other) - math.sqrt(one)) ** 2
+            noise += len(everything) * (math.sqrt(with_them) - math.sqrt(without)) ** 2
         mean = 0.5 * (fit + fit_other)
         speed = SPEED_OF_LIGHT / (1.0 + 1e-6 * before.refractivity[rows])
         error = speed * mean[:, _FLIGHT] - reference[rows]

@@ -104,10 +104,8 @@ class Coherence(_InBands):
         return expected.noise[1]
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
-        """Doubt it further where an effect makes noise incoherent, as differing ADC clocks do."""
-        for doubt in explained.incoherence:
-            size = size + doubt
-        return size
+        """Doubt it further beside effects that make the noise of both stations run apart."""
+        return size + explained.incoherence / explained.trust
 
 
 def _scatter(evidence: Evidence) -> np.ndarray:

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import functools
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -22,10 +23,10 @@ from drfmcw_ros.config_files import find_config
 from drfmcw_sim.measurements import Measurements, Station
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 
-from .measurement import Trials, conditions, measure
-from .trials.results import ResultDirectory
-from .trials.running import run as run_study
-from .trials.study import Study, point_seed
+from ..measurement import Trials, conditions, measure
+from ..trials.results import ResultDirectory
+from ..trials.running import run as run_study
+from ..trials.study import Study, point_seed
 
 IF_BAND = 1.024e6
 """IF bandwidth to which a noise power belongs, half of Table 1's sampling rate [Hz]."""
@@ -43,7 +44,7 @@ def floor_density(name: str) -> float:
 
 
 @functools.cache
-def _site(name: str) -> dict:
+def _site(name: str) -> dict[str, Any]:
     return read_yaml(find_config(name))
 
 
@@ -223,6 +224,11 @@ class Prediction:
     synchronised: float  # station 2 alone, perfectly synchronised, with the window [m]
 
 
+def phase_noises(m: Measurements) -> tuple[PhaseNoise, ...]:
+    """Return each station's phase noise; one without has a density of zero."""
+    return tuple(PhaseNoise(-math.inf, 1.0) if s.phase_noise is None else s.phase_noise for s in m.stations)
+
+
 def predict(point: Point, window: str = 'hann') -> Prediction:
     """Return the standard deviations that follow from a point's link budget, noise floor and phase noise."""
     m = point.conditions()
@@ -230,7 +236,7 @@ def predict(point: Point, window: str = 'hann') -> Prediction:
     delay = float(m.paths[0].delay[0])
     start, end = first.analysis_window()
     duration, rate = end - start, first.sample_rate
-    noises = tuple(PhaseNoise(s.phase_noise.level, s.phase_noise.corner) for s in m.stations)
+    noises = phase_noises(m)
     offset = first.start_frequency - second.start_frequency  # f_o,off, of which a station's settings say nothing
     variances, lines = [], []
     for number, station in enumerate(m.stations):

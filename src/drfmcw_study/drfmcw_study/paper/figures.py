@@ -46,7 +46,7 @@ def png(figure: Figure) -> bytes:
     return image.getvalue()
 
 
-def _axes(rows: int, columns: int, height: float, **options) -> tuple[Figure, np.ndarray]:
+def _axes(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(9.0, height), layout='constrained')
     return figure, np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
 

@@ -53,7 +53,9 @@ def millimetres(value: float, digits: int = 1, sign: bool = False) -> str:
     return f'{value * 1e3:{"+" if sign else ""}.{digits}f} mm'
 
 
-def weather_bias(temperature, pressure: float, humidity: float, model: str, reference: float | None = None):
+def weather_bias(
+    temperature: np.ndarray | float, pressure: float, humidity: float, model: str, reference: float | None = None
+) -> np.ndarray:
     """Return the range offset at 1000 m where the air differs from that of the calibration [m].
 
     Args:
@@ -75,7 +77,7 @@ def slope_of_paper(limit: float = TEMPERATURE_LIMIT) -> float:
     return deviation / (CALIBRATION_TEMPERATURE + 20.0)
 
 
-def drift_bias(temperature, slope: float):
+def drift_bias(temperature: np.ndarray | float, slope: float) -> np.ndarray:
     """Return the range error at 1000 m where both oscillators drift by `slope` [1/K] from 25 degC on, eq. 21 [m]."""
     alpha = 1.0 + slope * (np.asarray(temperature, float) - CALIBRATION_TEMPERATURE)
     return range_bias(1000.0, alpha, alpha)

@@ -16,7 +16,7 @@ import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 
-from ..processing.records import Sweep
+from .processing.records import Sweep
 
 _NOMINAL_RATE = 48000  # FLAC wants one; the true one stands in the sweep's settings
 
@@ -130,7 +130,7 @@ def _codec(name: str) -> tuple[Callable, Callable]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print ratio and time of every codec on a recording: ``python -m drfmcw_node.sources.compression RECORDING``."""
+    """Print ratio and time of every codec on a recording: ``python -m drfmcw_node.compression RECORDING``."""
     from drfmcw_ros.bag.files import BagReader
     from drfmcw_ros.cli import Parser, guarded
 

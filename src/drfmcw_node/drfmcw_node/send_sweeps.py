@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 
-from .feed import Frame, decode_requests, encode, encode_fragments
-from .recording import recorded_frames
+from .sources.feed import Frame, decode_requests, encode, encode_fragments
+from .sources.recording import recorded_frames
 
 _RETRY = 1.0  # [s]
 
