@@ -135,8 +135,8 @@ def steady(m: Measurements, local: Sequence[np.ndarray]) -> Measurements:
     for station, source in zip(result.stations, m.stations, strict=True):
         for name in ('received_power', 'temperature'):
             getattr(station, name)[:] = mean(getattr(source, name))
-    for path, source in zip(result.paths, m.paths, strict=True):
-        path.delay[:] = mean(source.delay)
+    for path, recorded in zip(result.paths, m.paths, strict=True):
+        path.delay[:] = mean(recorded.delay)
     for name in ('range', 'time', 'velocity', 'refractive_index'):
         getattr(result, name)[:] = mean(getattr(m, name))
     return result
