@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 import pytest
-from checkout import DATA, ROOT
+from checkout import DATA, SHARED
 
 from drfmcw_fusion import offline, replay
 from drfmcw_fusion.offline import replay_recording
@@ -25,7 +25,7 @@ from drfmcw_sim.recording import to_rosbags
 
 STANDING = DATA / 'recording_0'
 MOVING = DATA / 'recording_5'
-REAL = ROOT.parent / 'shared' / 'recordings' / 'real'
+REAL = SHARED / 'real'
 RANGE = 'drfmcw_msgs/msg/RangeEstimate'
 
 

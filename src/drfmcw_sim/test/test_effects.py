@@ -5,12 +5,11 @@ import inspect
 import itertools
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from checkout import ROOT
+from checkout import DATA, ROOT
 from scenes import mapping, scene
 from scipy import integrate
 from scipy.signal import hilbert
@@ -28,7 +27,6 @@ CENTER = 5.8e9
 CHIRP = 150e9  # Hz/s
 BOTH_ON = slice(24, 2024)  # samples in which every station hears the other one
 SEED = 5
-PRACTICE = Path('/work/shared/recordings/practice')
 
 # Names, what one instance belongs to, and parameters with their units, as the interfaces have them.
 INTERFACE = {
@@ -742,7 +740,6 @@ def shape_of(phase):
     return (phase - (basis @ coefficients).T) * np.sqrt(window)
 
 
-@pytest.mark.skipif(not PRACTICE.exists(), reason='the shared recordings are not there')
 @pytest.mark.parametrize(
     ('recording', 'entries'),
     [
@@ -759,7 +756,7 @@ def test_ramp_shapes_recorded_by_another_hand(recording, entries):
     bag = pytest.importorskip('drfmcw_ros.bag.files')
     station = {2: 'master', 6: 'slave'}[recording]
     latest, sweeps = {}, {}
-    with bag.BagReader(PRACTICE / f'recording_{recording}') as reader:
+    with bag.BagReader(DATA / f'recording_{recording}') as reader:
         for topic, _, message in reader.messages():
             if topic.endswith('if_samples') and latest['/reference/range'].range < 200.0:
                 place = 25 * round(latest['/reference/range'].range / 25)  # near enough: the ramps differ by ns

@@ -3,10 +3,10 @@
 import dataclasses
 import itertools
 import math
-from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from checkout import DATA
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -24,7 +24,6 @@ from drfmcw_sim.signal_model import (
     synthesise,
 )
 
-PRACTICE = FilePath('/work/shared/recordings/practice/recording_0')
 RATE = 2.048e6
 
 
@@ -391,7 +390,6 @@ def line(codes, full_scale):
     return (peak + fraction) * RATE / (1 << 15), 2.0 * magnitude[rows, peak] / np.sum(window)
 
 
-@pytest.mark.skipif(not PRACTICE.exists(), reason='the shared recordings are not there')
 def test_recording_made_by_another_hand_has_the_same_lines():
     """practice/recording_0 (standing crane, equal references): same range-proportional frequency, amplitude and noise.
 
@@ -402,7 +400,7 @@ def test_recording_made_by_another_hand_has_the_same_lines():
     from drfmcw_physics.air import refractive_index
 
     latest, sweeps, references, quiet = {}, {}, {}, []
-    with bag.BagReader(PRACTICE) as reader:
+    with bag.BagReader(DATA / 'recording_0') as reader:
         for topic, _, message in reader.messages():
             if topic.endswith('if_samples'):
                 key = (latest['/master/sweep_config'].mode, round(latest['/reference/range'].range))

@@ -1,10 +1,9 @@
 """What the simulator does around the signal: recordings it writes, and flow control of the live node."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
-from checkout import CONFIG
+from checkout import CONFIG, DATA
 
 pytest.importorskip('rclpy')
 bag = pytest.importorskip('drfmcw_ros.bag.files')
@@ -16,7 +15,6 @@ from drfmcw_sim.scenario import read_scenario, scenario_from_mapping  # noqa: E4
 from drfmcw_sim.simulator import Acknowledgements  # noqa: E402
 from drfmcw_sim.timeline import Timeline  # noqa: E402
 
-PRACTICE = Path('/work/shared/recordings/practice/recording_0')
 SMALL = ('pairs.0.standing.sweeps=4', 'pairs.0.standing.distances=[100, 700]')
 
 
@@ -43,12 +41,11 @@ def test_recording_holds_the_measured_topics(tmp_path, storage):
                 assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
                 sweeps[station].append(message.sweep_id)
     assert sweeps['master'] == sweeps['slave'] == list(range(8))
-    if PRACTICE.exists():
-        with bag.BagReader(PRACTICE) as practice:
-            assert practice.topics == topics
-            for connection in practice.connections:
-                offered = connection.ext.offered_qos_profiles[0]
-                assert qos[connection.topic] == (offered.durability, offered.reliability)
+    with bag.BagReader(DATA / 'recording_0') as practice:
+        assert practice.topics == topics
+        for connection in practice.connections:
+            offered = connection.ext.offered_qos_profiles[0]
+            assert qos[connection.topic] == (offered.durability, offered.reliability)
 
 
 def test_same_seed_gives_the_same_recording(tmp_path):

@@ -2,10 +2,10 @@
 
 import ast
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import ROOT
 from scenes import record, scene
 
 from drfmcw_diagnosis.engine import diagnose
@@ -17,7 +17,7 @@ from drfmcw_sim.measurements import Station
 
 TRUE = {'deviation': 600.0, 'rate': 7000.0, 'phase': 0.7}
 STANDING = {'distances': [120.0, 160.0, 210.0, 260.0, 320.0, 390.0], 'sweeps': 12}
-SOURCES = Path(__file__).parents[1] / 'src'
+SOURCES = ROOT / 'src'
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_an_effect_declared_outside_of_the_packages_is_found(tmp_path, sawtooth)
 def test_no_module_names_an_effect_but_its_own(package):
     """Neither in a condition nor in a table; fields of a calibration may have the name of an effect."""
     names = set(Effect.registry) - {field.name for field in dataclasses.fields(Calibration)}
-    modules = sorted((SOURCES / package).rglob('*.py'))
+    modules = sorted((SOURCES / package / package).rglob('*.py'))
     assert modules
     for module in modules:
         own = module.stem if module.parent.name == 'effects' else ''
