@@ -12,8 +12,9 @@ from rich.console import Console
 from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
 from drfmcw_physics.bounds import additive_factor
 from drfmcw_physics.sweep import Mode
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import Measurements, synthesise
+from drfmcw_sim.signal_model import synthesise
 from drfmcw_study.accuracy import Cell
 from drfmcw_study.measurement import conditions, station_estimates
 
