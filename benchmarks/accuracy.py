@@ -79,7 +79,7 @@ def _outliers() -> tuple[float, float]:
 
 
 def _recorded(name: str) -> tuple[float, float]:
-    """Return the root mean square deviation beyond 900 m in a recording not made by this code, and as predicted [mm].
+    """Return the standard deviation beyond 900 m in a recording not made by this code, and as predicted [mm].
 
     The instrument that gave the reference contributes to both.
     """
@@ -90,7 +90,7 @@ def _recorded(name: str) -> tuple[float, float]:
 
 
 def bench_accuracy(seconds: float, console: Console) -> list[Figure]:
-    """Measure bias, true and reported std of `ml` and `pair` over the whole grid; outliers; a recording."""
+    """Measure bias, standard deviation and reported standard deviation of `ml` and `pair`; outliers; a recording."""
     trials = max(round(_TRIALS * min(seconds / 60.0, 1.0)), 100)
     results = _grid(trials, console)
     console.print(_cells(results))

@@ -12,13 +12,14 @@ from rich.console import Console
 from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
 from drfmcw_physics.bounds import additive_factor
 from drfmcw_physics.sweep import Mode
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import Measurements, synthesise
+from drfmcw_sim.signal_model import synthesise
 from drfmcw_study.accuracy import Cell
 from drfmcw_study.measurement import conditions, station_estimates
 
 _SWEEPS = 512
-_TRIALS = 4000  # for the deviation, 1.1 % of standard error
+_TRIALS = 4000  # for the standard deviation, 1.1 % of standard error
 _GOALS = {('hann', 0.0): 50e3, ('hann', 20.0): 30e3, ('ml', 0.0): 10e3, ('ml', 20.0): 10e3}
 _PAIRS = 6000.0
 

@@ -169,7 +169,7 @@ def rate(records: Sequence[Record], is_so: Callable[[Record], bool]) -> Rate:
 
 
 def threshold(places: int, rate_: float = 0.01) -> float:
-    """Return the threshold of a matched filter of either sign among so many places, at a false-alarm rate."""
+    """Return the threshold of a matched filter of either sign over so many grid points, at a false-alarm rate."""
     return float(stats.norm.isf(0.5 * rate_ / places))
 
 
@@ -309,23 +309,23 @@ def goals(records: Sequence[Record]) -> list[Goal]:
         _of_rate('decoys', '-', rate(of(records, 'decoy'), is_right)),
         _of_rate('ambiguous by construction, called so', '-', rate(of(records, 'ambiguous'), is_right)),
         _of_rate('recommended measurements that decide, carried out', '-',
-                 rate([r for r in records if parted(r)], decides)),
+                 rate([r for r in records if separated(r)], decides)),
         _of_rate('follow-ups of ambiguous cases that decide', '-', rate(of(records, 'decided'), is_right)),
     ]  # fmt: skip
 
 
-def parted(record: Record) -> list[float] | None:
+def separated(record: Record) -> list[float] | None:
     """Return by how much the recommended measurement, carried out, separates the truth, if named, from its rivals."""
     judged = record['judgement']
     if judged.get('truth') not in judged['named']:
         return None
-    found = [p for p in record.get('parted') or [] if p is not None]
+    found = [p for p in record.get('separated') or [] if p is not None]
     return found or None
 
 
 def decides(record: Record) -> bool:
     """Return whether the recommended measurement separates the truth from every rival named."""
-    return min(parted(record) or [0.0]) >= SEPARABLE
+    return min(separated(record) or [0.0]) >= SEPARABLE
 
 
 def nearest_to_truth(record: Record) -> str:

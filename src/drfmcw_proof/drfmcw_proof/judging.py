@@ -1,4 +1,4 @@
-"""Judges a finding by the truth that was sealed: pure rules over two JSON objects."""
+"""Judges a finding against the sealed truth: pure rules over two JSON objects."""
 
 import collections
 import dataclasses
@@ -83,13 +83,13 @@ def keys(effects: Sequence[Mapping[str, Any]]) -> Explained:
 
 
 def judge(truth: Mapping[str, Any], finding: Mapping[str, Any], apart: Sequence[float | None] = ()) -> Judgement:
-    """Return what a finding is worth.
+    """Return how a finding compares with the truth.
 
     Args:
         truth: as sealed, see `proof.cases.Case.truth`.
         finding: as the tool wrote it, see `result.Diagnosis.as_object`.
-        apart: of each explanation in the finding, the chosen one first: how far from the data of the truth its own are,
-            in standard deviations by the generator, None where that is not known.
+        apart: distance of each explanation's data from the truth's, the chosen one first, in standard deviations as the
+            generator computes them; None where it is not known.
     """
     wanted = keys(truth['effects'])
     named: tuple[Explained, ...] = ()
@@ -109,7 +109,7 @@ def _outcome(
     finding: Mapping[str, Any],
     wanted: Explained,
     named: tuple[Explained, ...],
-    alike: set[Explained],  # what the data cannot separate from the truth
+    alike: set[Explained],  # that the data cannot separate from the truth
 ) -> tuple[str, str]:
     verdict = finding['verdict']
     if not wanted:
@@ -207,6 +207,6 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
 
 
 def _distance(true: Mapping[str, Any], stated: Mapping[str, Any]) -> float:
-    """Return by which part of their values the parameters differ that both state."""
+    """Return the sum of the relative differences of the parameters that both state."""
     shared = [(v, stated[n]['value']) for n, v in true.items() if n in stated and not isinstance(v, list)]
     return sum(abs(a - b) / max(abs(a), abs(b), 1e-30) for a, b in shared)

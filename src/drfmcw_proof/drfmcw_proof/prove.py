@@ -31,7 +31,7 @@ from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
 from .generator.recordings import Seal, open_seal
 from .judging import judge
 from .report import Run, write_report
-from .second_opinion import apart, parted
+from .second_opinion import apart, separated
 
 _PROG = 'drfmcw prove'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'ros', 'sim', 'node', 'fusion', 'diagnosis', 'proof'))
@@ -41,7 +41,7 @@ _MANIFEST, _LOCK = 'proof.json', '.lock'
 _PATIENCE = 1800.0  # for one diagnosis [s]
 
 QUICK_SHARE = 0.55
-"""Of the cases of --quick that have to be right: 8 of 12 were when it was set; one less may be for other libraries."""
+"""Share of the cases of --quick that must be right: 8 of 12 were when it was set; other libraries may miss one."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -49,13 +49,13 @@ def parser() -> argparse.ArgumentParser:
     result = Parser(
         prog=_PROG,
         description='Conceal effects in recordings by an independent generator, let the diagnosis find them from the '
-        'recordings alone, and report what it got right. The same command takes an interrupted run up again.',
+        'recordings alone, and report what it got right. The same command resumes an interrupted run.',
     )
     result.add_argument('--quick', action='store_true', help='a dozen small recordings instead of some hundreds')
     result.add_argument('--out', metavar='DIR', help='directory of results and report (build/prove/ of a checkout)')
-    result.add_argument('--cases', type=int, metavar='N', help='only the first N, a fair part of all groups and kinds')
+    result.add_argument('--cases', type=int, metavar='N', help='the first N only, a fair sample of all kinds')
     result.add_argument(
-        '--times', type=int, metavar='N', help='a list of N times as many of each kind: some hours each'
+        '--times', type=int, metavar='N', help='a list with N times as many of each kind; each N takes some hours'
     )
     result.add_argument('--groups', metavar='LIST', help=f'only these: {",".join(GROUPS)}')
     result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
@@ -76,8 +76,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def chosen(listed: Sequence[Plan], groups: Sequence[str], count: int | None, seed: int) -> tuple[Plan, ...]:
     """Return cases of some groups in the order in which they are run, the first `count` of them.
 
-    Groups take turns by their shares, the kinds within each one after the other, at random: however many cases are run,
-    they are a fair part of the list, and fewer are a part of more. What decides an ambiguous case follows it.
+    Groups take turns in proportion to their shares, and so do the kinds within each group, at random. However many
+    cases are run, they are a fair sample of the list, and a longer run contains a shorter one. The measurement that
+    decides an ambiguous case follows it.
     """
     random = np.random.default_rng([seed, len(listed)])
     following = {plan.follows.name: plan for plan in listed if plan.follows is not None}
@@ -90,8 +91,8 @@ def chosen(listed: Sequence[Plan], groups: Sequence[str], count: int | None, see
         for plan in shuffled:
             turns.append(met[plan.kind])
             met[plan.kind] += 1
-        for place, i in enumerate(np.argsort(turns, kind='stable')):
-            ranked.append((place / share, number, shuffled[i]))
+        for rank, i in enumerate(np.argsort(turns, kind='stable')):
+            ranked.append((rank / share, number, shuffled[i]))
     taken: list[Plan] = []
     for _, _, plan in sorted(ranked, key=lambda one: one[:2]):
         taken += [p for p in (plan, following.get(plan.name)) if p is not None and p.group in groups]
@@ -229,7 +230,7 @@ class _Tries:
             'truth': {k: v for k, v in truth.items() if k != 'condition'},
             'finding': finding,
             'judgement': judgement,
-            'parted': finding and parted(plan.condition, truth['effects'], finding),
+            'separated': finding and separated(plan.condition, truth['effects'], finding),
             'seconds': seconds,
         }
         self._results.store(record)
@@ -367,8 +368,8 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
     for folder in filter(None, (out, documents)):
         write_report(folder, run, records)
     right = sum(record['judgement']['outcome'] == 'right' for record in records)
-    place = (documents or out) / 'proof.md'
-    console.print(f'{place}: {right} of {len(records)} right', highlight=False, soft_wrap=True)
+    report = (documents or out) / 'proof.md'
+    console.print(f'{report}: {right} of {len(records)} right', highlight=False, soft_wrap=True)
     return int(arguments.quick and right < QUICK_SHARE * len(records))
 
 

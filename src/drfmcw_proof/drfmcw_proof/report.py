@@ -311,11 +311,11 @@ def _recommended(record: Record) -> tuple[str, str]:
     measurement = (record['finding'] or {}).get('next_measurement')
     if not measurement:
         return '-', ''
-    parts = figures.parted(record)
-    if parts is None:
+    distances = figures.separated(record)
+    if distances is None:
         return measurement, 'not carried out'
-    ruled_out = sum(p >= SEPARABLE for p in parts)
-    return measurement, f'{ruled_out} of {len(parts)}, by {min(parts):.1f} sigma at least'
+    ruled_out = sum(d >= SEPARABLE for d in distances)
+    return measurement, f'{ruled_out} of {len(distances)}, by {min(distances):.1f} sigma at least'
 
 
 def _held_out(records: Sequence[Record]) -> str:

@@ -26,7 +26,7 @@ from drfmcw_proof.figures import (
 )
 from drfmcw_proof.judging import OUTCOMES, judge
 from drfmcw_proof.report import Run, write_report
-from drfmcw_proof.second_opinion import apart, parted
+from drfmcw_proof.second_opinion import apart, separated
 
 SPUR = {'effect': 'spur', 'station': 'master', 'parameters': {'frequency': 2e5, 'level': -80.0}}
 ECHO = {'effect': 'echo', 'station': None, 'parameters': {'excess_range': 7.0, 'relative_power': -30.0, 'phase': 1.0}}
@@ -98,7 +98,7 @@ NULL = {'verdicts': ('consistent',), 'tolerated': ('phase_noise',), 'levels': ('
         # two effects, in any order, both needed
         (truth(SPUR, ECHO), finding('explained', found(ECHO), found(SPUR)), 'right'),
         (truth(SPUR, ECHO), finding('explained', found(ECHO)), 'wrong'),
-        # what the data cannot tell apart: all named, not one for certain
+        # indistinguishable explanations: all named, none for certain
         (truth(DELAY, **TWINS), finding('ambiguous', found(DELAY), alternatives=[found(OFFSET)]), 'right'),
         (truth(DELAY, **TWINS), finding('ambiguous', found(OFFSET), alternatives=[found(DELAY)]), 'right'),
         (truth(DELAY, **TWINS), finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]), 'wrong'),
@@ -201,10 +201,10 @@ def test_second_opinion_takes_findings_as_the_tool_writes_them():
     assert apart(condition, truth(DELAY)['effects'], finding('explained', *both)) == [pytest.approx(0.0, abs=0.05)]
     fixed = finding('explained', found({**OFFSET, 'parameters': {'offset': -0.0305}}, std=None))
     assert 0.5 < apart(condition, truth(DELAY)['effects'], fixed)[0] < 1.5
-    first, second, third = parted(condition, truth(DELAY)['effects'], said)
+    first, second, third = separated(condition, truth(DELAY)['effects'], said)
     assert first > 4.0 and second is None and third is None
-    assert parted(condition, truth(DELAY)['effects'], said | {'next_measurement': 'Sing to it.'}) is None
-    assert parted(condition, truth(DELAY)['effects'], said | {'next_measurement': None}) is None
+    assert separated(condition, truth(DELAY)['effects'], said | {'next_measurement': 'Sing to it.'}) is None
+    assert separated(condition, truth(DELAY)['effects'], said | {'next_measurement': None}) is None
     assert apart(condition, truth(DELAY)['effects'], finding('consistent')) == []
 
 
@@ -326,13 +326,13 @@ def test_an_unknown_effect_to_leave_out_is_one_line_and_status_2(capsys):
     assert error.count('\n') == 1 and "'spurr'; did you mean 'spur'?" in error
 
 
-def record(number, group, kind, sealed, said, apart=(), parted=None):
+def record(number, group, kind, sealed, said, apart=(), separated=None):
     """Return a case as it is stored; None: no finding."""
     failed = {'outcome': 'failed', 'reason': 'a | in a line', 'named': [], 'pulls': [], 'apart': []}
     return {
         'name': f'recording_{number:04d}', 'group': group, 'kind': kind, 'sha256': 'f' * 64, 'truth': sealed,
         'finding': said, 'judgement': judge(sealed, said, apart).as_object() if said else failed,
-        'seconds': 20.0 + number, 'parted': parted,
+        'seconds': 20.0 + number, 'separated': separated,
     }  # fmt: skip
 
 

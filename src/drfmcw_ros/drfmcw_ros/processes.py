@@ -29,7 +29,7 @@ Start = Literal['fork', 'forkserver', 'spawn']
 """How a process begins.
 
 - 'fork': with all that this one has in memory, so that only results travel. Only while this one has no threads.
-- 'forkserver': from a server that has imported some modules and nothing else; quick.
+- 'forkserver': forked from a server that has imported some modules and nothing else; quick.
 - 'spawn': with a new interpreter, which imports what it needs; takes about a second.
 """
 

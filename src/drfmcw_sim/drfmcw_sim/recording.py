@@ -61,7 +61,7 @@ class _Message(NamedTuple):
 
 
 def _blocks(timeline: Timeline, size: int) -> Iterator[_Block]:
-    """Yield a scenario cut into blocks, each while the timeline stands before it; one without sweeps has no slots."""
+    """Yield the blocks of a scenario; the timeline stays at a block's start until the next one is asked for."""
     before = timeline.opening()
     while not timeline.finished:
         slots = timeline.slots(size)
@@ -122,7 +122,7 @@ def _rendered(scenario: Scenario, jobs: int) -> Generator[list[_Message], None, 
                 worker.give((scenario, first, jobs))
             for blocks in itertools.cycle([worker.results() for worker in workers]):
                 messages = next(blocks, None)
-                if messages is None:  # the blocks behind it would be of higher numbers still
+                if messages is None:  # no block of this share is left, so none of a later number either
                     return
                 yield messages
         except WorkFailed as error:

@@ -30,7 +30,7 @@ _PROFILE = 'true value: a number, or `{times: [s], values: []}`'
 
 @dataclasses.dataclass(frozen=True)
 class StationSettings:
-    """One station: what its calibration says, which is the truth as long as no effect says otherwise."""
+    """One station as calibrated; effects make its true values differ."""
 
     alpha: float = parameter(1.0, bounds=(0.999, 1.001), description='reference frequency / nominal')
     sample_clock_alpha: float = parameter(
@@ -79,7 +79,7 @@ class WaveformSettings:
 
 @dataclasses.dataclass(frozen=True)
 class _PairParameters:
-    """What is declared of a pair beside its trajectory, of which there are several kinds."""
+    """Settings of a pair except its trajectory, of which there are several kinds."""
 
     first: str = parameter(description='station that starts first')
     second: str = parameter(description='station that starts T_off later')
@@ -292,7 +292,7 @@ def scenario_from_mapping(mapping: Mapping[str, Any], where: str) -> Scenario:
 
 
 def _check(scenario: Scenario, where: str) -> None:
-    """Refuse what the single settings cannot see."""
+    """Refuse settings that are valid one by one but not together."""
     limits = {'temperature': (-90.0, 70.0), 'pressure': (3e4, 1.2e5), 'humidity': (0.0, 1.0)}
     for name, (low, high) in limits.items():
         for value in getattr(scenario.weather, name).values:

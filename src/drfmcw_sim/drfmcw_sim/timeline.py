@@ -1,4 +1,4 @@
-"""What happens when: the measurements of a scenario in order, and what the hardware publishes around them."""
+"""The order of events: the measurements of a scenario, and what the hardware publishes around them."""
 
 import dataclasses
 import math

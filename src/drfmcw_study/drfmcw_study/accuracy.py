@@ -34,7 +34,7 @@ _MARGIN = 12  # bins that both lines keep from DC and Nyquist, two more than wha
 
 @dataclasses.dataclass(frozen=True)
 class Accuracy:
-    """What one cell came to."""
+    """Result of one cell."""
 
     trials: int
     std: float  # of the range [m]

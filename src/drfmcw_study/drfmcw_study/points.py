@@ -1,7 +1,7 @@
 """Points of a Monte Carlo study: a scenario with some of its settings, or the evaluation's, varied over a grid.
 
 A point is a JSON-ready mapping with the keys `varied` (key: value as given), `scenario`, `estimator` and `fusion`
-(what their YAML would hold), and `seed`, which takes the place of the scenario's. Free of ROS.
+(what their YAML would hold), and `seed`, which replaces the scenario's. Free of ROS.
 """
 
 import copy

@@ -18,7 +18,7 @@ from .sizes import separation
 
 Effects = Sequence[Applied]
 Carried = Callable[[Effects, Effects], float]
-"""Two sets of effects to the standard deviations between what the measurement shows of them."""
+"""Returns, for two sets of effects, how far the measurement separates them, in standard deviations."""
 
 _WEATHER = ('air_temperature', 'air_pressure', 'air_humidity')
 _OF_CRANE = ('slant_geometry', 'sway', 'target_motion')
@@ -90,7 +90,7 @@ def _second_instrument(condition: Condition, match: re.Match[str]) -> Carried:
 
 
 def _baseline(condition: Condition, match: re.Match[str]) -> Carried:
-    """Measure a length that a tape tells, without crane and reference instrument."""
+    """Measure a length known by tape, without crane and reference instrument."""
 
     def first(values: tuple[float, ...]) -> tuple[float, ...]:
         return (values[0],)
@@ -147,7 +147,7 @@ def _later(effect: Applied, passed: float) -> Applied:
 
 
 def _exchanged(condition: Condition, match: re.Match[str]) -> Carried:
-    """Make the same sweeps with another, calibrated station in the place of one."""
+    """Make the same sweeps with another, calibrated station in place of one."""
     gone = match['station']
     (stays,) = (n for n in condition.names if n != gone)
 

@@ -1,7 +1,7 @@
 """What the challenge conceals: nulls, single effects by size, pairs, what no registry knows, decoys, degenerate sets.
 
-Strong effects are as practice recordings hold them; effects left out are in the registry, but the tool is told to
-search without them; each ambiguous case of the full list is followed by the measurement that decides it.
+Strong effects are as practice recordings hold them; effects left out are in the registry, but the tool
+searches without them. Each ambiguous case of the full list is followed by the measurement that decides it.
 
 `plans` lists cases without computing anything but their random conditions; `conceal_case` scales a case's effects,
 seals its truth and writes its recording. Everything follows from the seed.
@@ -64,16 +64,16 @@ class Wanted:
 class Plan:
     """One case before its effects are scaled."""
 
-    name: str  # tells nothing
+    name: str  # reveals nothing
     group: str
     kind: str  # within the group, for tables
     condition: Condition
     wanted: tuple[Wanted, ...] = ()
     verdicts: tuple[str, ...] = ('consistent',)  # that are right
-    rivals: tuple[Rival, ...] = ()  # explanations that the data cannot tell from the truth
+    rivals: tuple[Rival, ...] = ()  # explanations that are indistinguishable from the truth
     tolerated: tuple[str, ...] = ()  # effects whose finding is no false alarm: the recording does hold such a mismatch
     tolerated_levels: tuple[str, ...] = ()  # at which 'unexplained' is none either
-    without: tuple[str, ...] = ()  # effects without which the tool is told to search
+    without: tuple[str, ...] = ()  # effects that the tool leaves out of its search
     follows: 'Plan | None' = None  # the ambiguous case that this measurement decides, by the same effects
     gone: bool = False  # where the effects are no longer there in the measurement that follows
 
@@ -87,7 +87,7 @@ class Case:
     sizes: tuple[MatchedSize, ...]  # of each effect alone, the earlier ones in place
 
     def truth(self) -> dict[str, Any]:
-        """Return what is sealed. The salt keeps the hash of a guessed truth from telling that it is right."""
+        """Return what is sealed. The salt keeps anyone from confirming a guessed truth by its hash."""
         plan = self.plan
         return {
             'name': plan.name,
@@ -433,7 +433,7 @@ def _strong_pair(name: str, random: np.random.Generator, extent: Extent) -> Plan
 def _of_pair(name: str, group: str, condition: Condition, wanted: tuple[Wanted, ...]) -> Plan:
     parts = [w.template for w in wanted]
     alike = rivals(condition, parts)
-    # a ray from the ground follows the true distance, so that it may tell an error of the reference
+    # a ray from the ground follows the true distance, so that it may reveal an error of the reference
     exact = any(part.effect in TWINS for part in parts) and all(part.effect != 'ground_reflection' for part in parts)
     verdicts: tuple[str, ...] = ('explained',)
     if alike:

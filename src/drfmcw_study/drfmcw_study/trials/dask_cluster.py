@@ -32,7 +32,7 @@ def on_cluster(
     distributed: Any = importlib.import_module('distributed')  # takes half a second; needed here alone
 
     for name in list(logging.root.manager.loggerDict):
-        if name.partition('.')[0] == 'distributed':  # what matters of what they say is said here, in one line
+        if name.partition('.')[0] == 'distributed':  # we report what matters in one line
             logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         distributed.comm.resolve_address(address)  # a client made for a wrong one does not end quietly

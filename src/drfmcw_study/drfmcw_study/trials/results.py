@@ -117,7 +117,7 @@ class ResultDirectory:
             yield arrays
 
     def _read(self, job: Job) -> dict[str, np.ndarray] | None:
-        """Return a batch, None where it is missing or damaged (the archive's checksums tell)."""
+        """Return a batch, None where it is missing or damaged, as the archive's checksums show."""
         try:
             with open(job.file(self.path), 'rb') as file, np.load(file) as archive:
                 arrays = {name: archive[name] for name in archive.files}
