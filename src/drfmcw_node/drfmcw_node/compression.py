@@ -11,6 +11,7 @@ import io
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def decompress(data: bytes, codec: str, count: int, iq: bool = False) -> np.ndar
     return samples
 
 
-def decompress_message(message: object) -> Sweep:
+def decompress_message(message: Any) -> Sweep:
     """Return the sweep in a CompressedIfSamples message (of rclpy or of a recording); raises as `decompress`."""
     return Sweep(
         station=message.station,

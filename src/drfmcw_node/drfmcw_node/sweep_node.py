@@ -174,7 +174,7 @@ class SweepNode(Node):
             self._snr.append(beat.snr)
             if beat.flags:
                 for flag in Flag(beat.flags):
-                    self._flags[flag.name] += 1
+                    self._flags[str(flag.name)] += 1
         dropped = self.processor.dropped
         if dropped.total() != sum(self._seen.values()):
             for reason, count in dropped.items():

@@ -195,7 +195,9 @@ class Estimator:
                 f'station {sweep.station}: no frequency to search between {lowest:g} Hz and {highest:g} Hz'
             )
         self._edges = (lowest + 2 * resolution, highest - 2 * resolution)
-        self._dechirp = self._chirp_factor(own, peer)
+        self.chirp = self._residual_chirp(own, peer)
+        """Residual chirp of the line, 0 where it is negligible or unknown [Hz/s]."""
+        self._dechirp = self._chirp_factor()
         calibrations = (own,) if sweep.hears_itself else (own, peer)
         self.noises = oscillators(*calibrations)
         autocorrelation = np.abs(np.fft.fft(window**2, self.length)[: 2 * _LOBE_BINS] / window_power) ** 2
@@ -239,9 +241,16 @@ class Estimator:
     def collect(self, parts: list[list[np.ndarray]]) -> Estimates:
         """Return the results of several chunks, each of `conclude`, as one."""
         fields = parts[0] if len(parts) == 1 else [np.concatenate(p) for p in zip(*parts, strict=True)]
+        flags, frequency, frequency_std, independent_std, phase, power, snr, *spectrum = fields
         return Estimates(
-            *fields[:7],
-            spectrum=fields[7] if len(fields) > 7 else None,
+            flags=flags,
+            frequency=frequency,
+            frequency_std=frequency_std,
+            independent_std=independent_std,
+            phase=phase,
+            power=power,
+            snr=snr,
+            spectrum=spectrum[0] if spectrum else None,
             window=self.weighting,
             spectrum_start=-(self.length // 2) * self.sweep.sample_rate / self.length if self.iq else 0.0,
             spectrum_step=self.sweep.sample_rate / self.length,
@@ -251,15 +260,17 @@ class Estimator:
         """Return (frequency [bins], complex amplitude of the windowed line at the window centre), each (B,)."""
         raise NotImplementedError
 
-    def _chirp_factor(self, own: Calibration | None, peer: Calibration | None) -> np.ndarray | None:
-        """Return what takes the residual chirp off the line, None where it is negligible or unknown."""
+    def _residual_chirp(self, own: Calibration | None, peer: Calibration | None) -> float:
+        """Return the residual chirp that the calibrations predict, 0 where it is negligible or unknown [Hz/s]."""
         if own is None or peer is None or self.sweep.hears_itself:
-            self.chirp = 0.0
-            return None
+            return 0.0
         # the station counts time with its own ADC clock
-        self.chirp = residual_chirp(self.sweep, own.alpha, peer.alpha) / own.sample_clock_alpha**2
-        if abs(self.chirp) * self.duration**2 < _DECHIRP_BINS:
-            self.chirp = 0.0
+        chirp = residual_chirp(self.sweep, own.alpha, peer.alpha) / own.sample_clock_alpha**2
+        return chirp if abs(chirp) * self.duration**2 >= _DECHIRP_BINS else 0.0
+
+    def _chirp_factor(self) -> np.ndarray | None:
+        """Return the factor (N,) that removes the residual chirp from the line, None where there is none."""
+        if not self.chirp:
             return None
         t = np.arange(self.sweep.sample_count) / self.sweep.sample_rate - self.center
         return np.exp(-1j * np.pi * self.chirp * t**2).astype(np.complex64)
@@ -298,10 +309,7 @@ class Estimator:
         line = amplitude.real**2 + amplitude.imag**2
         noise = self.meter.measure(sweeps.power, sweeps.peak, line, full_scale)
         magnitude = [] if wanted is None else [self._decibel_full_scale(sweeps.shown[wanted], full_scale[wanted])]
-        return (
-            self._results(sweeps.samples, sweeps.power, sweeps.peak, bins, amplitude, line, noise, full_scale)
-            + magnitude
-        )
+        return self._results(sweeps, bins, amplitude, line, noise, full_scale) + magnitude
 
     def _transform(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """Return the sweeps free of their mean, the same windowed and de-chirped, bins from 0 Hz up, and what to show.
@@ -343,8 +351,25 @@ class Estimator:
         record -= mean[:, None].astype(np.float32)
         return record
 
-    def _results(self, samples, power, peak, bins, amplitude, line, noise, full_scale) -> list[np.ndarray]:
-        """Return the seven result arrays from the refined line and the noise [LSB^2]; arguments as in `_estimate`."""
+    def _results(
+        self,
+        sweeps: 'Sweeps',
+        bins: np.ndarray,
+        amplitude: np.ndarray,
+        line: np.ndarray,
+        noise: np.ndarray,
+        full_scale: np.ndarray,
+    ) -> list[np.ndarray]:
+        """Return the seven result arrays from the refined line.
+
+        Args:
+            sweeps: of `search`.
+            bins: frequency of each line (B,) [bins].
+            amplitude: of each windowed line at the window's centre, complex (B,) [LSB].
+            line: squared magnitude of `amplitude` (B,).
+            noise: additive noise (B,) [LSB^2].
+            full_scale: ADC code of full scale (B,) [LSB].
+        """
         sweep, settings = self.sweep, self.settings
         frequency = bins * (sweep.sample_rate / self.length)
         absent = line <= 0.0
@@ -356,13 +381,13 @@ class Estimator:
         level = self._decibel_full_scale(line, full_scale)
         snr_decibel = 10.0 * np.log10(snr)
         std, independent = self._frequency_std(frequency, ratio * self.duration)
-        second = self._second_line(power, peak) / line  # a line itself only where it is not weak
+        second = self._second_line(sweeps.power, sweeps.peak) / line  # a line itself only where it is not weak
         ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
             second * snr > 10.0 ** (settings.weak_threshold / 10.0)
         )
         flags = (snr_decibel < settings.weak_threshold).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
         for flag, raised in (
-            (Flag.CLIPPED, clipped(samples, full_scale)),
+            (Flag.CLIPPED, clipped(sweeps.samples, full_scale)),
             (Flag.NEAR_DC, frequency < self._edges[0]),
             (Flag.NEAR_NYQUIST, frequency > self._edges[1]),
             (Flag.AMBIGUOUS, ambiguous),

@@ -148,15 +148,15 @@ class MaximumLikelihoodEstimator(Estimator, name='ml'):
             frequency: of the line at the window centre (B,) [cycles per sample].
             multiple: of its phase, 1 for the constant and 2 for the mirror line.
         """
-        sums = [0.0, 0.0]
+        zeroth, first = np.zeros(len(frequency), complex), np.zeros(len(frequency), complex)
         for sign, u in zip((1.0, -1.0), self._ends, strict=True):
             turns = multiple * (frequency * u + 0.5 * self._curvature * u * u)
             value = np.exp(-2j * np.pi * np.remainder(turns, 1.0))
             rotation = np.exp(-2j * np.pi * multiple * (frequency + self._curvature * (u - 0.5)))
             inverse = sign / (1.0 - rotation)
-            sums[0] = sums[0] + value * inverse
-            sums[1] = sums[1] + value * inverse * (u + rotation / (1.0 - rotation))
-        return sums[0] / self._count, sums[1] / (self._count * self._count / 2.0)
+            zeroth += value * inverse
+            first += value * inverse * (u + rotation / (1.0 - rotation))
+        return zeroth / self._count, first / (self._count * self._count / 2.0)
 
 
 def _shifted(moments: np.ndarray, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

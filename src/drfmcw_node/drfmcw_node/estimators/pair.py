@@ -123,8 +123,8 @@ class BlockEstimator:
     ) -> tuple[list[Sweeps], list[tuple[np.ndarray, np.ndarray]], Basebands]:
         """Return each station's sweeps, its line, and the basebands, which share the sweeps' power."""
         found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
-        coarse, blocks, *fitted = self._resolve(found)
-        lines = self._combine(coarse, blocks, *fitted)
+        coarse, blocks, chirp, models = self._resolve(found)
+        lines = self._combine(coarse, blocks, chirp, models)
         rates = np.array([s.sweep.sample_rate for s in self.stations])[:, None]
         bins = rates / np.array([s.length for s in self.stations])[:, None]
         origins = np.array([s.origin for s in self.stations])[:, None]
@@ -292,7 +292,8 @@ class PairEstimator(BlockEstimator):
             lines = self._refine(*found)
             for part, station, sweeps, line, scale in zip(parts, self.stations, found, lines, scales, strict=True):
                 part.append(station.conclude(sweeps, *line, scale[chunk], wanted))
-        return tuple(s.collect(p) for s, p in zip(self.stations, parts, strict=True))
+        one, other = (s.collect(p) for s, p in zip(self.stations, parts, strict=True))
+        return one, other
 
     def _refine(self, *found: Sweeps) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,)."""

@@ -33,5 +33,6 @@ class PaperEstimator(Estimator, name='paper'):
         top = np.minimum(np.maximum(magnitude.argmax(axis=1), 1), len(offsets) - 2)
         three = np.arange(len(peak)), top + np.array([[-1], [0], [1]])
         vertex = parabola_vertex(*np.log(np.maximum(magnitude[three], TINY)))
-        amplitude = parabola_value(*zoomed[three], vertex)
+        left, middle, right = zoomed[three]
+        amplitude = parabola_value(left, middle, right, vertex)
         return peak + offsets[top] + vertex * (offsets[1] - offsets[0]), amplitude

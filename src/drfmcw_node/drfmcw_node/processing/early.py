@@ -29,7 +29,8 @@ class EarlySweeps:
             sweeps: that have just come.
             now: on any clock that runs on [s].
         """
-        ready, waiting = [], []
+        ready: list[Sweep] = []
+        waiting: list[Sweep] = []
         for sweep in [*self._waiting, *sweeps]:
             (ready if self._processor.has_settings(sweep) else waiting).append(sweep)
         self._since = min(self._since, now) if waiting else math.inf
