@@ -1,7 +1,7 @@
 """Lossless compression of sweeps for the radio link.
 
-`flac` predicts each sample from its predecessors and Rice-codes what is left, which suits an IF line in noise;
-libsndfile (python-soundfile) does it. `zlib` needs nothing but Python: bit planes of the zigzag code, deflated.
+`flac` predicts each sample from its predecessors and Rice-codes the remainder, which suits an IF line in noise; it uses
+libsndfile (python-soundfile). `zlib` needs nothing but Python: bit planes of the zigzag code, deflated.
 Quadrature sweeps are two channels.
 """
 

@@ -18,9 +18,7 @@ def free_space_loss(distance: Quantity, frequency: Quantity) -> Any:
     return 20.0 * np.log10(4.0 * np.pi * distance * frequency / SPEED_OF_LIGHT)
 
 
-def received_power(
-    tx_eirp: Quantity, rx_antenna_gain: Quantity, distance: Quantity, frequency: Quantity
-) -> Any:
+def received_power(tx_eirp: Quantity, rx_antenna_gain: Quantity, distance: Quantity, frequency: Quantity) -> Any:
     """Return the power at the receive antenna port [dBm]; EIRP in dBm, gain in dBi, distance in m, frequency in Hz."""
     return tx_eirp + rx_antenna_gain - free_space_loss(distance, frequency)
 

@@ -9,10 +9,10 @@ from .spectral import ChirpZ, parabola_value, parabola_vertex
 
 
 class PaperEstimator(Estimator, name='paper'):
-    """The paper's on-board engine (section III): FFT, chirp-z zoom, parabola through the log magnitude."""
+    """FFT, chirp-z zoom, parabola through the log magnitude: the paper's on-board engine (section III)."""
 
     takes_window = True
-    chunk = 1 << 16  # the zoom's temporaries are eight times as large as the others'
+    chunk = 1 << 16  # the zoom's temporaries are eight times as large as those of the other estimators
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Prepare the chirp-z transform; arguments as for `Estimator`."""

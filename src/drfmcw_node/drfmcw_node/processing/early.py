@@ -17,7 +17,7 @@ class EarlySweeps:
     """
 
     def __init__(self, processor: StationProcessor) -> None:
-        """Start with none; `processor` knows which settings have arrived."""
+        """Start without any; `processor` knows which settings have arrived."""
         self._processor = processor
         self._waiting: list[Sweep] = []
         self._since = math.inf

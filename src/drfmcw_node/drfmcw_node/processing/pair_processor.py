@@ -20,9 +20,9 @@ _LARGEST_STAMP_DIFFERENCE = 1_000_000_000  # of partners; beyond it one number s
 class PairProcessor(StationProcessor):
     """Turns sweeps of both stations of any pairs into beat frequencies of both.
 
-    A sweep waits for its partner's of the same number until `give_up` or `finish` is called, or too many wait. Then it
-    is evaluated alone, by maximum likelihood, as a station's that hears itself is at once. Stamps do not tell how
-    long: sweeps may come faster or slower than they were made.
+    A sweep waits for its partner, the peer's sweep of the same number, until `give_up` or `finish` is called or too
+    many wait. Then it is evaluated alone, by maximum likelihood. The sweep of a station that hears itself is evaluated
+    at once. Stamps do not limit the wait, because sweeps may come faster or slower than they were made.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -111,7 +111,7 @@ class PairProcessor(StationProcessor):
         return alone, [self._in_order(pair) for pair in pairs]
 
     def _in_order(self, pair: tuple[Sweep, Sweep]) -> tuple[Sweep, Sweep]:
-        """Return the first station's sweep first, where the settings tell."""
+        """Return the first station's sweep first, where the settings are known."""
         conditions = self._conditions(pair[0])
         return pair if isinstance(conditions, str) or conditions[0].role == Role.FIRST else pair[::-1]
 

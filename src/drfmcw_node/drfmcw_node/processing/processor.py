@@ -1,7 +1,7 @@
 """Sweeps in, beat frequencies out: settings and calibrations looked up by stamp, work shared over the batch.
 
-The station node and the offline replay call this same class; since every look-up goes by the sweep's stamp and every
-estimate is independent of the batch, both give the same numbers to the last bit.
+The station node and the offline replay call this same class. Every look-up uses the sweep's stamp and every estimate is
+independent of the batch, so both give bit-identical numbers.
 """
 
 import collections
@@ -63,7 +63,7 @@ class StationProcessor:
                 self._prepare(history.latest())
 
     def _forget_estimators(self) -> None:
-        """Have estimators made anew: settings or calibrations changed."""
+        """Forget the prepared estimators, because settings or calibrations changed."""
         self._estimators.clear()
 
     def _prepare(self, settings: SweepSettings) -> None:
@@ -121,7 +121,7 @@ class StationProcessor:
     def _results(
         self, sweeps: Sequence[Sweep], result: Estimates, wanted: np.ndarray | None
     ) -> tuple[list[Beat], list[Spectrum | None]]:
-        """Return what is published of sweeps evaluated together, None for a spectrum not wanted; counts weak ones."""
+        """Return the results of sweeps evaluated together, None for a spectrum not wanted; counts weak lines."""
         spectra: list[Spectrum | None] = [None] * len(sweeps)
         if wanted is not None and result.spectrum is not None:
             window = self._settings.window

@@ -44,7 +44,7 @@ class RecorderNode(Node):
         """Open the recording.
 
         Raises:
-            BagError: the recording exists already, or its place cannot be written.
+            BagError: the recording exists already, or cannot be written.
         """
         super().__init__('recorder', **kwargs)
         self._settings = settings
