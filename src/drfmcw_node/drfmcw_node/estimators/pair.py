@@ -1,8 +1,8 @@
 """Both stations' sweeps evaluated jointly, where the raw samples of both are available.
 
 The two sweeps share the oscillators' noise and the chirp that different references leave on the lines, with opposite
-signs. Each sweep is demodulated near its line and averaged over blocks of some fifteen microseconds. The product of both
-basebands (one conjugated in short-distance mode) is then a tone at the combined beat frequency, in which all of it
+signs. Each sweep is demodulated near its line and averaged over blocks of about 15 us. The product of both basebands
+(one conjugated in short-distance mode) is then a tone at the combined beat frequency, in which all of it
 cancels, however strong it is and whether or not it is calibrated. Mirror line and constant are subtracted from each
 block beforehand, using the line that a first round finds. A single station's line is estimated in the same blocks.
 """
