@@ -47,7 +47,7 @@ class PairStationNode(SweepNode):
         super()._take_sweeps([s if s.frame_id else _in_frame(s) for s in own])
 
     def _give_up(self) -> None:
-        """Evaluate alone what waits for settings or a partner that do not come, also when nothing comes any more."""
+        """Evaluate alone the sweeps that waited too long for settings or a partner, even if none come any more."""
         self._take_sweeps([])
         self._publish(self.processor.give_up())
 

@@ -81,7 +81,7 @@ class StationNode(SweepNode):
             self._owner.stop()
         super().destroy_node()
 
-    # --- settings of whom it measures with ---
+    # --- settings and peers ---
 
     def _concerns(self, station: str, peer: str) -> bool:
         return station == self._names.station

@@ -105,7 +105,7 @@ class PairStationSettings:
 
 @dataclasses.dataclass(frozen=True)
 class SpectrumSettings:
-    """What is published besides the beat frequencies."""
+    """Which spectra are published."""
 
     spectrum: bool = parameter(True, description='publish magnitude spectra')
     spectrum_decimation: int = parameter(
@@ -122,7 +122,7 @@ class PairEstimatorSettings(EstimatorSettings):
 
 @dataclasses.dataclass(frozen=True)
 class Housekeeping:
-    """What a station's status tells; the fields of StationStatus."""
+    """A station's status; the fields of StationStatus."""
 
     station: str
     sweeps: int
@@ -135,7 +135,7 @@ class Housekeeping:
 
 
 def check_complete(settings: StationSettings) -> None:
-    """Raise ConfigurationError where a source lacks what only it needs."""
+    """Raise ConfigurationError where the station has no valid name, or a digitiser's source has no peer."""
     if not settings.station:
         raise ConfigurationError('station: give the name of the station (parameter station, or a namespace)')
     _check_name('station', settings.station)
@@ -144,7 +144,7 @@ def check_complete(settings: StationSettings) -> None:
 
 
 def check_pair(settings: PairStationSettings) -> None:
-    """Raise ConfigurationError where the names are not those of two stations or more."""
+    """Raise ConfigurationError unless the names are those of two different stations or more."""
     for parameter_name, names in (('first', (settings.first,)), ('second', settings.seconds or ('',))):
         for name in names:
             if not name:
@@ -162,7 +162,7 @@ def antenna_frame(station: str) -> str:
 
 
 def is_station_name(name: str) -> bool:
-    """Return True for a name that can stand in a topic's."""
+    """Return True for a name that can be part of a topic's name."""
     return re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name) is not None
 
 

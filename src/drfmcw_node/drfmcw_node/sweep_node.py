@@ -1,4 +1,4 @@
-"""What the nodes that evaluate sweeps share: settings and sweeps from topics, results out, warnings, diagnostics."""
+"""What all nodes that evaluate sweeps share: settings and sweeps from topics, results, warnings, diagnostics."""
 
 import collections
 import math
@@ -32,10 +32,10 @@ _LATCHED_DEPTH = 32  # settings for so many peers
 
 
 class SweepNode(Node):
-    """Shell around a `StationProcessor`; a subclass says which topics it listens to and what it publishes."""
+    """Shell around a `StationProcessor`; a subclass chooses the topics."""
 
     def __init__(self, name: str, processor: StationProcessor, estimation: type = EstimatorSettings, **kwargs: Any):
-        """Declare the parameters that all share.
+        """Declare the parameters that all such nodes share.
 
         Args:
             name: of the node.
@@ -73,7 +73,7 @@ class SweepNode(Node):
         )
 
     def _start_diagnostics(self, hardware_id: str) -> Diagnostics:
-        """Begin to report; return where further tasks can be added."""
+        """Start the diagnostics; return them, so that further tasks can be added."""
         diagnostics = Diagnostics(self, hardware_id)
         diagnostics.add('Sweeps', self._diagnose_sweeps)
         diagnostics.add('Source', self._diagnose_source)
@@ -169,12 +169,12 @@ class SweepNode(Node):
         self._note(beats)
 
     def _note(self, beats: Sequence[Beat]) -> None:
-        """Keep what the diagnostics tell."""
+        """Keep what the diagnostics report."""
         for beat in beats:
             self._snr.append(beat.snr)
             if beat.flags:
                 for flag in Flag(beat.flags):
-                    self._flags[flag.name] += 1
+                    self._flags[str(flag.name)] += 1
         dropped = self.processor.dropped
         if dropped.total() != sum(self._seen.values()):
             for reason, count in dropped.items():
@@ -240,7 +240,7 @@ class SweepNode(Node):
 def run_named(
     node_class: type, stations: Mapping[str, str | None], config: str | None, ros_arguments: Sequence[str]
 ) -> int:
-    """Run a node under the name of the station it is for; return the exit status.
+    """Run a node in the namespace of its station; return the exit status.
 
     Args:
         node_class: as `drfmcw_ros.runner.run` takes it.
@@ -265,6 +265,6 @@ def run_named(
     assigned = dict(a.split(':=', 1) for a in [*ros_arguments, *extra] if ':=' in a)
     name = assigned.get(next(iter(stations)), '').strip('"\'')
     if '__ns' not in assigned and is_station_name(name):
-        extra += ['-r', f'__ns:=/{name}']  # its nodes and services under its own name
+        extra += ['-r', f'__ns:=/{name}']  # so that several stations can run on one machine
     arguments = ['--ros-args', *(a for a in ros_arguments if a not in ('--ros-args', '--')), *extra]
     return run(node_class, arguments)

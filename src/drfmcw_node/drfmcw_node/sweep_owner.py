@@ -100,7 +100,7 @@ class SweepOwner:
     # --- sweeps ---
 
     def _take(self, items: Sequence[Any]) -> None:
-        """Take what the source delivers, in the source's thread: settings hold from their place in the list on."""
+        """Take what the source delivers, in the source's thread; settings hold for the sweeps that follow them."""
         with self._node.lock:
             sweeps: list[Sweep] = []
             for item in items:

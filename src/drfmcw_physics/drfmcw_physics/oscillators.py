@@ -1,4 +1,4 @@
-"""A station's clocks and what their deviation does to the measured range (eqs. 7-13, 18-21)."""
+"""A station's clocks, and how their frequency offsets change the measured range (eqs. 7-13, 18-21)."""
 
 import dataclasses
 import math

@@ -184,7 +184,7 @@ def from_mapping(cls: type, mapping: Mapping[str, Any] | None, where: str) -> An
                 raise ConfigurationError(f"{where}: key '{name}' is missing")
             continue
         value, kind = mapping[name], hints[name]
-        if dataclasses.is_dataclass(kind):
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
             values[name] = from_mapping(kind, value, f'{where}: {name}')
         else:
             values[name] = check_value(name, value, kind, field.metadata.get(_METADATA, Parameter('1', '')), where)

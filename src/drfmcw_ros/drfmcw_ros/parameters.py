@@ -53,9 +53,9 @@ class SettingsParameters(Generic[T]):
             descriptor = _descriptor(hints[name], declared)
             given = node.declare_parameter(self._prefix + name, _plain(hints[name], default), descriptor).value
             values[name] = check_value(self._prefix + name, given, hints[name], declared, node.get_name())
-        undeclared = {}
-        if defaults is not None:
-            undeclared = {f.name: getattr(defaults, f.name) for f in dataclasses.fields(cls) if f.name not in values}
+        given_defaults: Any = defaults  # a dataclass, which `T` cannot say
+        fields = () if defaults is None else dataclasses.fields(given_defaults)
+        undeclared = {f.name: getattr(defaults, f.name) for f in fields if f.name not in values}
         self.value: T = cls(**undeclared, **values)
         """The current settings."""
         node.add_on_set_parameters_callback(self._validate)
@@ -73,7 +73,8 @@ class SettingsParameters(Generic[T]):
         changes = {
             name: check_value(name, value, *self._declared[name]) for name, value in self._changes(parameters).items()
         }
-        return dataclasses.replace(self.value, **changes)
+        current: Any = self.value  # a dataclass, which `T` cannot say
+        return dataclasses.replace(current, **changes)
 
     def _validate(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         try:

@@ -1,7 +1,7 @@
 """Beat frequency of a batch of sweeps, with standard deviation, phase, power, signal-to-noise ratio and flags.
 
-Free of ROS. An estimator is made once per setting (`estimators.estimator`) and called with the samples of any number
-of sweeps; the result of each sweep is the same to the last bit whatever the batch.
+Free of ROS. An estimator is made once per setting (`registry.estimator`) and called with the samples of any number of
+sweeps. Each sweep's result is bit-identical whatever the batch.
 
 Conventions: frequencies count on the station's own nominal clock. The line is the one at positive frequency,
 A cos(phase), and `phase` is its phase at the nominal sweep's centre, T_sw/2 after the first sample. A quadrature
@@ -32,14 +32,14 @@ ESTIMATORS: dict[str, type['Estimator']] = {}
 """Estimators by the name that `EstimatorSettings.estimator` selects; each registers itself."""
 
 TINY = 1e-30
-"""Squared magnitude that stands for none at all [LSB^2]."""
+"""Squared magnitude that replaces zero, where a logarithm or a quotient needs more [LSB^2]."""
 
-_DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
+_DECHIRP_BINS = 0.02  # residual chirp across the window below which the line keeps it [bins]
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
 class Flag(enum.IntFlag):
-    """Doubts about a beat frequency (bits of BeatFrequency.flags)."""
+    """Reasons to doubt a beat frequency (bits of BeatFrequency.flags)."""
 
     VALID = 0
     WEAK_SIGNAL = 1
@@ -122,11 +122,11 @@ class Sweeps:
     windowed: np.ndarray  # the same windowed and de-chirped
     spectrum: np.ndarray  # its bins from 0 Hz up (B, K), complex64
     power: np.ndarray  # their squared magnitude (B, K)
-    shown: np.ndarray  # the power that a displayed spectrum holds, negative frequencies too where there are any
+    shown: np.ndarray  # power of the published spectrum, which for quadrature samples has negative frequencies too
     peak: np.ndarray  # strongest bin within the search range (B,)
 
     def parabola(self) -> np.ndarray:
-        """Return how far the line stands from `peak`, by a parabola through three log powers (B,) [bins]."""
+        """Return the offset of the line from `peak`, by a parabola through three log powers (B,) [bins]."""
         near = np.clip(self.peak + np.array([[-1], [0], [1]]), 0, self.power.shape[1] - 1)
         three = self.power[np.arange(len(self.peak)), near].astype(float)
         return parabola_vertex(*np.log(np.maximum(three, TINY)))
@@ -195,7 +195,9 @@ class Estimator:
                 f'station {sweep.station}: no frequency to search between {lowest:g} Hz and {highest:g} Hz'
             )
         self._edges = (lowest + 2 * resolution, highest - 2 * resolution)
-        self._dechirp = self._chirp_factor(own, peer)
+        self.chirp = self._residual_chirp(own, peer)
+        """Residual chirp of the line, 0 where it is negligible or unknown [Hz/s]."""
+        self._dechirp = self._chirp_factor()
         calibrations = (own,) if sweep.hears_itself else (own, peer)
         self.noises = oscillators(*calibrations)
         autocorrelation = np.abs(np.fft.fft(window**2, self.length)[: 2 * _LOBE_BINS] / window_power) ** 2
@@ -239,9 +241,16 @@ class Estimator:
     def collect(self, parts: list[list[np.ndarray]]) -> Estimates:
         """Return the results of several chunks, each of `conclude`, as one."""
         fields = parts[0] if len(parts) == 1 else [np.concatenate(p) for p in zip(*parts, strict=True)]
+        flags, frequency, frequency_std, independent_std, phase, power, snr, *spectrum = fields
         return Estimates(
-            *fields[:7],
-            spectrum=fields[7] if len(fields) > 7 else None,
+            flags=flags,
+            frequency=frequency,
+            frequency_std=frequency_std,
+            independent_std=independent_std,
+            phase=phase,
+            power=power,
+            snr=snr,
+            spectrum=spectrum[0] if spectrum else None,
             window=self.weighting,
             spectrum_start=-(self.length // 2) * self.sweep.sample_rate / self.length if self.iq else 0.0,
             spectrum_step=self.sweep.sample_rate / self.length,
@@ -251,15 +260,17 @@ class Estimator:
         """Return (frequency [bins], complex amplitude of the windowed line at the window centre), each (B,)."""
         raise NotImplementedError
 
-    def _chirp_factor(self, own: Calibration | None, peer: Calibration | None) -> np.ndarray | None:
-        """Return what takes the residual chirp off the line, None where it is negligible or unknown."""
+    def _residual_chirp(self, own: Calibration | None, peer: Calibration | None) -> float:
+        """Return the residual chirp that the calibrations predict, 0 where it is negligible or unknown [Hz/s]."""
         if own is None or peer is None or self.sweep.hears_itself:
-            self.chirp = 0.0
-            return None
+            return 0.0
         # the station counts time with its own ADC clock
-        self.chirp = residual_chirp(self.sweep, own.alpha, peer.alpha) / own.sample_clock_alpha**2
-        if abs(self.chirp) * self.duration**2 < _DECHIRP_BINS:
-            self.chirp = 0.0
+        chirp = residual_chirp(self.sweep, own.alpha, peer.alpha) / own.sample_clock_alpha**2
+        return 0.0 if abs(chirp) * self.duration**2 < _DECHIRP_BINS else chirp
+
+    def _chirp_factor(self) -> np.ndarray | None:
+        """Return the factor (N,) that removes the residual chirp from the line, None where there is none."""
+        if not self.chirp:
             return None
         t = np.arange(self.sweep.sample_count) / self.sweep.sample_rate - self.center
         return np.exp(-1j * np.pi * self.chirp * t**2).astype(np.complex64)
@@ -270,7 +281,7 @@ class Estimator:
         return self.conclude(sweeps, *self._refine(sweeps), full_scale, wanted)
 
     def search(self, samples: np.ndarray) -> 'Sweeps':
-        """Return the sweeps with the strongest bin of each found; `samples` as for a call, few enough for the cache."""
+        """Return the sweeps and the strongest bin of each; `samples` as for a call, few enough for the cache."""
         samples = np.ascontiguousarray(samples)
         record, windowed, spectrum, shown = self._transform(samples)
         power = spectrum.real**2
@@ -289,7 +300,7 @@ class Estimator:
         """Return the seven result arrays of a chunk and, where asked for, the spectra of the sweeps `wanted`.
 
         Args:
-            sweeps: of `search`; their spectra are used up.
+            sweeps: of `search`; their power is overwritten.
             bins: frequency of each line (B,) [bins].
             amplitude: of each windowed line at the window's centre, complex (B,) [LSB].
             full_scale: ADC code of full scale (B,) [LSB].
@@ -298,16 +309,13 @@ class Estimator:
         line = amplitude.real**2 + amplitude.imag**2
         noise = self.meter.measure(sweeps.power, sweeps.peak, line, full_scale)
         magnitude = [] if wanted is None else [self._decibel_full_scale(sweeps.shown[wanted], full_scale[wanted])]
-        return (
-            self._results(sweeps.samples, sweeps.power, sweeps.peak, bins, amplitude, line, noise, full_scale)
-            + magnitude
-        )
+        return self._results(sweeps, bins, amplitude, line, noise, full_scale) + magnitude
 
     def _transform(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return the sweeps free of their mean, the same windowed and de-chirped, bins from 0 Hz up, and what to show.
+        """Return the sweeps less their mean, the same windowed and de-chirped, bins from 0 Hz up, power to show.
 
-        float32: its 1e-7 lies below the rounding of a 16-bit ADC. A quadrature sweep whose line stands at negative
-        frequency is conjugated; shown is then the power of all bins as received, else None.
+        float32 suffices: its 1e-7 lies below the rounding of a 16-bit ADC. A quadrature sweep whose line has a negative
+        frequency is conjugated. The power to show is that of all bins as received for quadrature samples, else None.
         """
         positive = self.length // 2 + 1
         if self.iq:
@@ -334,7 +342,7 @@ class Estimator:
 
     @staticmethod
     def _without_mean(samples: np.ndarray) -> np.ndarray:
-        """Return sweeps (B, N) or (B, N, 2) as float32 less their mean; it would leak into the search range."""
+        """Return sweeps (B, N) or (B, N, 2) as float32 less their mean, which would leak into the search range."""
         if samples.dtype.kind == 'i':  # integer sums are exact, whatever their order
             mean = samples.sum(axis=1, dtype=np.int64) / samples.shape[1]
         else:  # a model's samples before the ADC
@@ -343,8 +351,25 @@ class Estimator:
         record -= mean[:, None].astype(np.float32)
         return record
 
-    def _results(self, samples, power, peak, bins, amplitude, line, noise, full_scale) -> list[np.ndarray]:
-        """Return the seven result arrays from the refined line and the noise [LSB^2]; arguments as in `_estimate`."""
+    def _results(
+        self,
+        sweeps: 'Sweeps',
+        bins: np.ndarray,
+        amplitude: np.ndarray,
+        line: np.ndarray,
+        noise: np.ndarray,
+        full_scale: np.ndarray,
+    ) -> list[np.ndarray]:
+        """Return the seven result arrays from the refined line.
+
+        Args:
+            sweeps: of `search`.
+            bins: frequency of each line (B,) [bins].
+            amplitude: of each windowed line at the window's centre, complex (B,) [LSB].
+            line: squared magnitude of `amplitude` (B,).
+            noise: additive noise (B,) [LSB^2].
+            full_scale: ADC code of full scale (B,) [LSB].
+        """
         sweep, settings = self.sweep, self.settings
         frequency = bins * (sweep.sample_rate / self.length)
         absent = line <= 0.0
@@ -356,13 +381,13 @@ class Estimator:
         level = self._decibel_full_scale(line, full_scale)
         snr_decibel = 10.0 * np.log10(snr)
         std, independent = self._frequency_std(frequency, ratio * self.duration)
-        second = self._second_line(power, peak) / line  # a line itself only where it is not weak
+        second = self._second_line(sweeps.power, sweeps.peak) / line  # counts only if it is not weak itself
         ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
             second * snr > 10.0 ** (settings.weak_threshold / 10.0)
         )
         flags = (snr_decibel < settings.weak_threshold).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
         for flag, raised in (
-            (Flag.CLIPPED, clipped(samples, full_scale)),
+            (Flag.CLIPPED, clipped(sweeps.samples, full_scale)),
             (Flag.NEAR_DC, frequency < self._edges[0]),
             (Flag.NEAR_NYQUIST, frequency > self._edges[1]),
             (Flag.AMBIGUOUS, ambiguous),
@@ -379,7 +404,7 @@ class Estimator:
         ]
 
     def _frequency_std(self, frequency: np.ndarray, snr: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the standard deviation of a single station's frequency, and without the oscillators' noise around it.
+        """Return the standard deviation of a single station's frequency, with and without the oscillators' noise.
 
         Args:
             frequency: of the line (B,) [Hz].
@@ -398,7 +423,7 @@ class Estimator:
         return np.sqrt(independent**2 + variance), independent
 
     def _second_line(self, power: np.ndarray, peak: np.ndarray) -> np.ndarray:
-        """Return the strongest bin outside the line's main lobe (B,); blanks the line in `power`."""
+        """Return the power of the strongest bin outside the line's main lobe (B,); zeroes the line in `power`."""
         lobe = _LOBE_BINS * max(1, round(self.length / (self.duration * self.sweep.sample_rate)))
         around = peak + np.arange(-lobe, lobe + 1)[:, None]
         np.maximum(around, 0, out=around)
@@ -418,10 +443,10 @@ class Estimator:
 
 
 def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
-    """Return which sweeps (B, n) were limited: samples at full scale, or an extreme code too frequent for a wave.
+    """Return which sweeps (B, n) were clipped: samples at full scale, or an extreme code too frequent for a wave.
 
-    A sine of amplitude A spends at most sqrt(2 / A) / pi of its time within the last code; three times as much, at
-    either extreme, is taken for a limiter below full scale.
+    A sine of amplitude A spends at most sqrt(2 / A) / pi of its time within the last code. Three times as much, at
+    either extreme, shows a limiter below full scale.
     """
     highest, lowest = samples.max(axis=1), samples.min(axis=1)
     amplitude = (highest.astype(float) - lowest) / 2

@@ -1,4 +1,4 @@
-"""Additive noise of a sweep, told apart from the oscillators' phase-noise skirt around the line.
+"""Additive noise of a sweep, separated from the oscillators' phase-noise skirt around the line.
 
 All densities here are variances per sample [LSB^2]: white noise of variance v has the periodogram v sum(w^2).
 """
@@ -31,11 +31,11 @@ def oscillators(*calibrations: Calibration | None) -> tuple[PhaseNoise, ...]:
 class NoiseMeter:
     """Measures the additive noise of sweeps with one setting.
 
-    Where the phase noise is known, the noise is read at the end of the spectrum that is farther from the line, the
-    predicted skirt is subtracted, and the result is weighed against the calibrated floor by their uncertainties. Near
-    the transmitter the skirt hides the floor and the calibrated value prevails; far away, or where the floor has risen
-    beyond what the skirt's uncertainty explains, the measurement does. Where the phase noise is unknown, the noise is
-    read around the line, which counts its skirt as additive noise.
+    Where the phase noise is known, the noise is read at the end of the spectrum that is farther from the line. The
+    predicted skirt is subtracted, and the calibrated floor and the rest are averaged by their uncertainties. Near the
+    transmitter the skirt hides the floor, and the calibrated value prevails. Far away, or where the floor has risen
+    beyond what the skirt's uncertainty explains, the measurement prevails. Where the phase noise is unknown, the noise
+    is read around the line, which counts its skirt as additive noise.
     """
 
     sweep: SweepSettings
@@ -86,7 +86,7 @@ class NoiseMeter:
         floor = self.calibrated(full_scale)
         known = np.isfinite(floor)
         floor = np.where(known, floor, 1.0)
-        # chance as predicted, not as measured: small values would otherwise count more and pull the mean down
+        # the predicted variance, not the measured one: small values would else weigh more and pull the mean down
         variance = (relative_std * (floor + skirt)) ** 2 + (_SKIRT_UNCERTAINTY * skirt) ** 2
         # a calibrated floor that the measurement contradicts beyond chance loses its weight
         doubt = np.maximum((measured - floor) ** 2 - 4.0 * variance, 0.0)

@@ -1,10 +1,10 @@
-"""Both stations' sweeps evaluated jointly, where the raw samples of both are at hand.
+"""Both stations' sweeps evaluated jointly, where the raw samples of both are available.
 
-What the two sweeps share, the oscillators' noise and the chirp that different references leave on the lines, stands in
-both with opposite signs. Each sweep is demodulated near its line and averaged over blocks of some fifteen microseconds;
-the product of both basebands (one conjugated in short-distance mode) is then a tone at the combined beat frequency in
-which all that cancels, however strong it is and whether or not it is calibrated. Mirror line and constant are taken
-off each block beforehand, by the line that a first round finds. One station alone has its line in the same blocks.
+The two sweeps share the oscillators' noise and the chirp that different references leave on the lines, with opposite
+signs. Each sweep is demodulated near its line and averaged over blocks of about 15 us. The product of both basebands
+(one conjugated in short-distance mode) is then a tone at the combined beat frequency, in which all of it
+cancels, however strong it is and whether or not it is calibrated. Mirror line and constant are subtracted from each
+block beforehand, using the line that a first round finds. A single station's line is estimated in the same blocks.
 """
 
 import dataclasses
@@ -68,7 +68,7 @@ class _Lines:
 
 
 class BlockEstimator:
-    """Lines of S stations in blocks of a sweep; subclasses say what the stations tell together."""
+    """Lines of S stations in blocks of a sweep; a subclass says how the stations' lines combine."""
 
     def __init__(
         self, stations: tuple[MaximumLikelihoodEstimator, ...], signs: tuple[int, ...], blocks: range, chirp_known: bool
@@ -77,9 +77,9 @@ class BlockEstimator:
 
         Args:
             stations: estimators of single stations.
-            signs: by which the chirp left on the first station's line stands in each line.
+            signs: of the first station's residual chirp in each line.
             blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
-            chirp_known: what the calibrations leave of a chirp is small; else it is estimated, as without them.
+            chirp_known: False if the chirp that remains after calibration may be large; it is then estimated.
         """
         self.stations, self._signs, self._chirp_known = stations, np.array(signs), chirp_known
         count = min(s.samples.stop - s.samples.start for s in stations)
@@ -114,7 +114,7 @@ class BlockEstimator:
         """
         found, lines, basebands = self._found(samples)
         basebands = dataclasses.replace(basebands, power=tuple(p.copy() for p in basebands.power))
-        scale = np.full(len(samples[0]), full_scale)  # concluding uses the power up
+        scale = np.full(len(samples[0]), full_scale)  # `conclude` overwrites the power
         parts = zip(self.stations, found, lines, strict=True)
         return tuple(s.collect([s.conclude(f, *line, scale, None)]) for s, f, line in parts), basebands
 
@@ -123,8 +123,8 @@ class BlockEstimator:
     ) -> tuple[list[Sweeps], list[tuple[np.ndarray, np.ndarray]], Basebands]:
         """Return each station's sweeps, its line, and the basebands, which share the sweeps' power."""
         found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
-        coarse, blocks, *fitted = self._resolve(found)
-        lines = self._combine(coarse, blocks, *fitted)
+        coarse, blocks, chirp, models = self._resolve(found)
+        lines = self._combine(coarse, blocks, chirp, models)
         rates = np.array([s.sweep.sample_rate for s in self.stations])[:, None]
         bins = rates / np.array([s.length for s in self.stations])[:, None]
         origins = np.array([s.origin for s in self.stations])[:, None]
@@ -219,8 +219,8 @@ class BlockEstimator:
 class PairEstimator(BlockEstimator):
     """Estimates both stations' beat frequencies from both stations' samples.
 
-    The single frequencies are as good as one station can tell them; their combination is that of the product, and the
-    phases combine to the product's phase.
+    Each single frequency is as accurate as one station's samples allow. The frequencies combine to the frequency of the
+    product of both sweeps, and the phases to its phase.
     """
 
     def __init__(
@@ -244,7 +244,7 @@ class PairEstimator(BlockEstimator):
             first_calibration: None where unknown; the residual chirp is then estimated.
             second_calibration: None where unknown.
             blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
-            chirp_known: what the calibrations leave of a chirp is small; else it is estimated, as without them.
+            chirp_known: False if the chirp that remains after calibration may be large; it is then estimated.
 
         Raises:
             ConfigurationError: the stations do not sweep alike, or leave no frequency to search.
@@ -292,7 +292,8 @@ class PairEstimator(BlockEstimator):
             lines = self._refine(*found)
             for part, station, sweeps, line, scale in zip(parts, self.stations, found, lines, scales, strict=True):
                 part.append(station.conclude(sweeps, *line, scale[chunk], wanted))
-        return tuple(s.collect(p) for s, p in zip(self.stations, parts, strict=True))
+        one, other = (s.collect(p) for s, p in zip(self.stations, parts, strict=True))
+        return one, other
 
     def _refine(self, *found: Sweeps) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,)."""
@@ -325,7 +326,7 @@ class PairEstimator(BlockEstimator):
 
 
 class SingleEstimator(BlockEstimator):
-    """One station's line in blocks: of a station that hears itself, or whose peer's samples are not at hand."""
+    """One station's line in blocks: of a station that hears itself, or whose peer's samples are not available."""
 
     def __init__(
         self,
@@ -353,7 +354,9 @@ class SingleEstimator(BlockEstimator):
 
     def _chirp(self, lines: np.ndarray) -> np.ndarray:
         if self.stations[0].sweep.hears_itself:
-            return np.zeros(len(lines[0]))  # one oscillator: to estimate what is not there would cost the phase
+            return np.zeros(
+                len(lines[0])
+            )  # one oscillator has no residual chirp; estimating it would cost phase accuracy
         return _chirp(lines[0], self._size, 1)
 
     def _combine(

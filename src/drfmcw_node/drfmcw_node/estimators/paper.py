@@ -9,10 +9,10 @@ from .spectral import ChirpZ, parabola_value, parabola_vertex
 
 
 class PaperEstimator(Estimator, name='paper'):
-    """The paper's on-board engine (section III): FFT, chirp-z zoom, parabola through the log magnitude."""
+    """FFT, chirp-z zoom, parabola through the log magnitude: the paper's on-board engine (section III)."""
 
     takes_window = True
-    chunk = 1 << 16  # the zoom's temporaries are eight times as large as the others'
+    chunk = 1 << 16  # the zoom's temporaries are eight times as large as those of the other estimators
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Prepare the chirp-z transform; arguments as for `Estimator`."""
@@ -33,5 +33,6 @@ class PaperEstimator(Estimator, name='paper'):
         top = np.minimum(np.maximum(magnitude.argmax(axis=1), 1), len(offsets) - 2)
         three = np.arange(len(peak)), top + np.array([[-1], [0], [1]])
         vertex = parabola_vertex(*np.log(np.maximum(magnitude[three], TINY)))
-        amplitude = parabola_value(*zoomed[three], vertex)
+        left, middle, right = zoomed[three]
+        amplitude = parabola_value(left, middle, right, vertex)
         return peak + offsets[top] + vertex * (offsets[1] - offsets[0]), amplitude

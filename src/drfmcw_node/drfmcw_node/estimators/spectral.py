@@ -35,7 +35,7 @@ def window_samples(name: str, start: float, end: float, sample_rate: float, coun
 
 
 def whole_turns(frequency: np.ndarray, sample: np.ndarray, turn: int) -> np.ndarray:
-    """Return `frequency` * `sample` modulo `turn`, all whole numbers: where in a table of one turn a phase stands."""
+    """Return `frequency` * `sample` modulo `turn`, all whole numbers: the index of a phase in a table of one turn."""
     product = frequency * sample
     if turn & (turn - 1) == 0:
         product &= turn - 1  # 10 times faster than the remainder
@@ -98,7 +98,7 @@ class ChirpZ:
 
 
 def parabola_vertex(left: np.ndarray, middle: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return where the parabola through three equidistant values peaks, in steps from the middle (within +-1)."""
+    """Return the vertex of the parabola through three equidistant values, in steps from the middle (within +-1)."""
     curvature = left - 2.0 * middle + right
     safe = np.where(curvature < 0.0, curvature, -1.0)
     return np.where(curvature < 0.0, np.clip(0.5 * (left - right) / safe, -1.0, 1.0), 0.0)

@@ -17,7 +17,7 @@ class EarlySweeps:
     """
 
     def __init__(self, processor: StationProcessor) -> None:
-        """Start with none; `processor` knows which settings have arrived."""
+        """Start without any; `processor` knows which settings have arrived."""
         self._processor = processor
         self._waiting: list[Sweep] = []
         self._since = math.inf
@@ -29,7 +29,8 @@ class EarlySweeps:
             sweeps: that have just come.
             now: on any clock that runs on [s].
         """
-        ready, waiting = [], []
+        ready: list[Sweep] = []
+        waiting: list[Sweep] = []
         for sweep in [*self._waiting, *sweeps]:
             (ready if self._processor.has_settings(sweep) else waiting).append(sweep)
         self._since = min(self._since, now) if waiting else math.inf

@@ -2,6 +2,7 @@
 
 import collections
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,16 +20,17 @@ _LARGEST_STAMP_DIFFERENCE = 1_000_000_000  # of partners; beyond it one number s
 class PairProcessor(StationProcessor):
     """Turns sweeps of both stations of any pairs into beat frequencies of both.
 
-    A sweep waits for its partner's of the same number until `give_up` or `finish` is called, or too many wait. Then it
-    is evaluated alone, by maximum likelihood, as a station's that hears itself is at once. Stamps do not tell how
-    long: sweeps may come faster or slower than they were made.
+    A sweep waits for its partner, the peer's sweep of the same number, until `give_up` or `finish` is called or too
+    many wait. Then it is evaluated alone, by maximum likelihood. The sweep of a station that hears itself is evaluated
+    at once. Stamps do not limit the wait, because sweeps may come faster or slower than they were made.
     """
 
-    def __init__(self, *args, **kwargs) -> None:
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Start without anything waiting; arguments as for `StationProcessor`."""
         super().__init__(*args, **kwargs)
         self._waiting: collections.OrderedDict[tuple, Sweep] = collections.OrderedDict()
         self._waited: dict[tuple, Sweep] = {}  # at the last call of give_up
+        self._pair_estimators: dict[tuple, PairEstimator | str] = {}
         self.pairs = 0
         """Pairs evaluated since start."""
         self.unpaired = 0
@@ -73,12 +75,12 @@ class PairProcessor(StationProcessor):
             else:
                 groups.setdefault(id(chosen), (chosen, []))[1].append(pair)
         for chosen, group in groups.values():
-            wanted = wanted_spectra([first for first, _ in group], every)
+            wanted = wanted_spectra([pair[0] for pair in group], every)
             columns = list(zip(*group, strict=True))
-            samples = [np.stack([np.asarray(s.samples) for s in column]) for column in columns]
+            first, second = (np.stack([np.asarray(s.samples) for s in column]) for column in columns)
             scales = [np.array([s.full_scale for s in column]) for column in columns]
             self.pairs += len(group)
-            results = chosen(*samples, tuple(scales), wanted)
+            results = chosen(first, second, (scales[0], scales[1]), wanted)
             found = [self._results(column, r, wanted) for column, r in zip(columns, results, strict=True)]
             for of_pair in zip(*(b for b, _ in found), strict=True):
                 beats.extend(of_pair)
@@ -109,17 +111,18 @@ class PairProcessor(StationProcessor):
         return alone, [self._in_order(pair) for pair in pairs]
 
     def _in_order(self, pair: tuple[Sweep, Sweep]) -> tuple[Sweep, Sweep]:
-        """Return the first station's sweep first, where the settings tell."""
+        """Return the first station's sweep first, where the settings are known."""
         conditions = self._conditions(pair[0])
         return pair if isinstance(conditions, str) or conditions[0].role == Role.FIRST else pair[::-1]
 
     def _pair_estimator(self, pair: tuple[Sweep, Sweep]) -> PairEstimator | str:
         """Return the estimator for both sweeps' settings and calibrations, or why there is none."""
-        conditions = [self._conditions(sweep) for sweep in pair]
-        for found in conditions:
-            if isinstance(found, str):
-                return found
-        (first, own, peer), (second, _, _) = conditions
+        one, other = self._conditions(pair[0]), self._conditions(pair[1])
+        if isinstance(one, str):
+            return one
+        if isinstance(other, str):
+            return other
+        (first, own, peer), second = one, other[0]
         for sweep, settings in zip(pair, (first, second), strict=True):
             reason = refusal(sweep, np.asarray(sweep.samples), settings.sample_count)
             if reason:
@@ -127,11 +130,15 @@ class PairProcessor(StationProcessor):
         if pair[0].iq != pair[1].iq:
             return f'one of {first.station} and {second.station} has a quadrature receiver, the other has none'
         key = (id(first), id(second), id(own), id(peer), pair[0].iq)
-        chosen = self._estimators.get(key)
+        chosen = self._pair_estimators.get(key)
         if chosen is None:
             try:
                 chosen = pair_estimator(first, second, self._settings, pair[0].iq, own, peer)
             except ConfigurationError as error:
                 chosen = str(error)
-            self._estimators[key] = chosen
+            self._pair_estimators[key] = chosen
         return chosen
+
+    def _forget_estimators(self) -> None:
+        super()._forget_estimators()
+        self._pair_estimators.clear()

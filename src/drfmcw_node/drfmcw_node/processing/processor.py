@@ -1,7 +1,7 @@
 """Sweeps in, beat frequencies out: settings and calibrations looked up by stamp, work shared over the batch.
 
-The station node and the offline replay call this same class; since every look-up goes by the sweep's stamp and every
-estimate is independent of the batch, both give the same numbers to the last bit.
+The station node and the offline replay call this same class. Every look-up uses the sweep's stamp and every estimate is
+independent of the batch, so both give bit-identical numbers.
 """
 
 import collections
@@ -46,28 +46,33 @@ class StationProcessor:
     @settings.setter
     def settings(self, value: EstimatorSettings) -> None:
         self._settings = value
-        self._estimators.clear()
+        self._forget_estimators()
 
     def add_sweep_config(self, settings: SweepSettings) -> None:
         """Add settings of a station and its peer, valid from their stamp on."""
         self._sweep_settings[settings.station, settings.peer].add(settings.stamp, settings)
-        self._estimators.clear()
+        self._forget_estimators()
         self._prepare(settings)
 
     def add_calibration(self, calibration: Calibration) -> None:
         """Add a station's calibration, valid from its stamp on."""
         self._calibrations[calibration.station].add(calibration.stamp, calibration)
-        self._estimators.clear()
+        self._forget_estimators()
         for pair, history in self._sweep_settings.items():
             if calibration.station in pair:
                 self._prepare(history.latest())
 
+    def _forget_estimators(self) -> None:
+        """Forget the prepared estimators, because settings or calibrations changed."""
+        self._estimators.clear()
+
     def _prepare(self, settings: SweepSettings) -> None:
         """Make the estimator of the newest settings now (tens of ms), so that the first sweep need not wait for it."""
         histories = [self._calibrations.get(s) for s in (settings.station, settings.peer)]
-        if all(histories):
-            with contextlib.suppress(ConfigurationError):  # said when a sweep comes that needs it
-                estimator(settings, self._settings, False, *(h.latest() for h in histories))
+        own, peer = (None if history is None else history.latest() for history in histories)
+        if own is not None and peer is not None:
+            with contextlib.suppress(ConfigurationError):  # reported when a sweep comes that needs it
+                estimator(settings, self._settings, False, own, peer)
 
     def has_settings(self, sweep: Sweep) -> bool:
         """Return True where the settings and calibrations that a sweep needs have arrived."""
@@ -91,7 +96,10 @@ class StationProcessor:
         for index, sweep in enumerate(sweeps):
             chosen = self._estimator(sweep)
             samples = np.asarray(sweep.samples)
-            reason = chosen if isinstance(chosen, str) else refusal(sweep, samples, chosen.sweep.sample_count)
+            if isinstance(chosen, str):
+                self.dropped[chosen] += 1
+                continue
+            reason = refusal(sweep, samples, chosen.sweep.sample_count)
             if reason:
                 self.dropped[reason] += 1
                 continue
@@ -113,9 +121,9 @@ class StationProcessor:
     def _results(
         self, sweeps: Sequence[Sweep], result: Estimates, wanted: np.ndarray | None
     ) -> tuple[list[Beat], list[Spectrum | None]]:
-        """Return what is published of sweeps evaluated together, None for a spectrum not wanted; counts weak ones."""
+        """Return the results of sweeps evaluated together, None for a spectrum not wanted; counts weak lines."""
         spectra: list[Spectrum | None] = [None] * len(sweeps)
-        if wanted is not None:
+        if wanted is not None and result.spectrum is not None:
             window = self._settings.window
             for row, magnitude in zip(np.flatnonzero(wanted).tolist(), result.spectrum, strict=True):
                 spectra[row] = _spectrum(sweeps[row], window, result, magnitude)
@@ -180,14 +188,25 @@ def refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
 
 
 def _beats(sweeps: Sequence[Sweep], result: Estimates) -> list[Beat]:
-    columns = [
-        getattr(result, name).tolist() for name in ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr')
-    ]
+    names = ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr', 'independent_std')
+    columns = [getattr(result, name).tolist() for name in names]
     return [
-        Beat(s.station, s.peer, s.sweep_id, *values, s.stamp, s.frame_id, independent, result.window)
-        for s, independent, values in zip(
-            sweeps, result.independent_std.tolist(), zip(*columns, strict=True), strict=True
+        Beat(
+            s.station,
+            s.peer,
+            s.sweep_id,
+            flags,
+            frequency,
+            std,
+            phase,
+            power,
+            snr,
+            s.stamp,
+            s.frame_id,
+            alone,
+            result.window,
         )
+        for s, flags, frequency, std, phase, power, snr, alone in zip(sweeps, *columns, strict=True)
     ]
 
 

@@ -110,7 +110,8 @@ def encode_request(request: Request) -> bytes:
 
 def decode_requests(data: bytes) -> tuple[list[Request], bytes]:
     """Return the complete requests in `data`, and the bytes that belong to the next."""
-    requests, size = [], _REQUEST.size + _CRC.size
+    requests: list[Request] = []
+    size = _REQUEST.size + _CRC.size
     while True:
         start = data.find(REQUEST_MAGIC)
         if start < 0:

@@ -83,7 +83,7 @@ class Source:
         return ''
 
     def counts(self) -> dict[str, int]:
-        """Return how often what went wrong so far, for diagnostics."""
+        """Return how often each kind of damage occurred since start, for diagnostics."""
         return {}
 
     def request(self, request: Request) -> bool:
