@@ -12,6 +12,7 @@ import pytest
 
 from drfmcw_diagnosis.compare import kinds
 from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.compare.kinds.kind import Of
 from drfmcw_diagnosis.finding.views import locations, misfit_map, series
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.fitting import Fitting
@@ -89,3 +90,18 @@ def test_a_comparison_knows_only_registered_kinds(data):
     comparison = Comparison(data)
     assert not comparison.entries.where(kind='kurtosis').any()
     assert set(comparison.entries.kind) == {kind.name for kind in kinds.KINDS}
+
+
+@pytest.mark.parametrize('name', ['amplitude', 'harmonic', 'piled', 'burst', 'beat', 'range'])
+def test_a_misfit_of_one_group_lies_at_its_distance(data, name):
+    """However many numbers of a kind a group has, they count at the distance of the group."""
+    comparison = Comparison(data)
+    (kind,) = (k for k in kinds.KINDS if k.name == name)
+    rows = comparison.rows(kind, 0 if kind.of is Of.STATION else -1)
+    group = comparison.entries.group[rows]
+    for wrong, distance in enumerate(comparison.recorded.distance):
+        z = np.where(group == wrong, 3.0, 0.0)
+        x, squares = kind.profile(comparison.recorded, z, comparison.entries.position[rows])
+        assert squares.shape == x.shape
+        assert x[squares > 0.0] == [distance]
+        assert squares.sum() == pytest.approx(9.0 * np.count_nonzero(group == wrong))

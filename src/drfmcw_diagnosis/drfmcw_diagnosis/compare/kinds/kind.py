@@ -150,12 +150,14 @@ class Kind(abc.ABC):
     def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (x, squares) of one row's whitened residuals along the kind's axis; x in the axis' unit.
 
+        By default one sum of squares per group, over the distance.
+
         Args:
             recorded: the sweeps.
-            z: whitened residuals (n,), group by group.
+            z: whitened residuals (n,), group by group, as many of each.
             positions: of the same, as in `Entries`.
         """
-        return self.over_groups(recorded), z**2
+        return self.over_groups(recorded), np.sum(z.reshape(len(recorded.members), -1) ** 2, axis=1)
 
     def over_groups(self, recorded: RecordedSweeps) -> np.ndarray:
         """Return where each group stands along the axis (G,)."""
