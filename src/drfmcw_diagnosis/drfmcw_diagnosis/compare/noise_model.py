@@ -104,7 +104,7 @@ class NoiseModel:
         if not self._shared[part.groups].any():
             return result
         rate = state.stations[0].sweep.sample_rate
-        oscillators = [s.phase_noise for s in state.stations]
+        oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]  # known of both
         lines, powers = self._lines[part.groups], self._powers[part.groups]
         used = coherence.sidebands(lines, state.stations[0].sweep)
         at = lines[..., None, None]  # (G, 2, sidebands, offsets)

@@ -102,8 +102,9 @@ class Extractor:
         self.beat_per_start_delay = topology.beat_per_start_delay(sweeps)
         self.estimator: PairEstimator | SingleEstimator
         if topology.both_heard:
+            (first, second), (calibration, other) = sweeps, calibrations
             self.estimator = PairEstimator(
-                *sweeps, settings, iq, *calibrations, blocks=SPECTRUM.blocks, chirp_known=False
+                first, second, settings, iq, calibration, other, blocks=SPECTRUM.blocks, chirp_known=False
             )
         else:
             calibrated = calibrations[own], calibrations[-1 - own]
@@ -120,7 +121,7 @@ class Extractor:
         self,
         samples: tuple[np.ndarray, ...],
         full_scale: float,
-        index: np.ndarray,
+        index: np.ndarray | float,
         harmonic: bool = True,
         quiet: bool = True,
         noisy: bool = True,
@@ -130,7 +131,7 @@ class Extractor:
         Args:
             samples: of each station with samples (n, N) or (n, 2 N), int16, or float before the ADC.
             full_scale: ADC code of full scale [LSB].
-            index: refractive index of the air (n,).
+            index: refractive index of the air (n,), or one for all.
             harmonic: take the harmonics, which are (n, S, 0) else, and what is piled up at a limit, which is 0 else.
             quiet: take the power without the line, which is (n, S, 0) else.
             noisy: take what the noise of range and carrier is told by, and the carrier, which are (n, 0) else.
@@ -241,7 +242,9 @@ class Extractor:
             one, two = phase[0], self.sign * phase[1]
             phases = np.array([(one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)])
             beat = base.beat[0] + self.sign * base.beat[1]
-            delay = delay_on_true_clocks(self.sweeps, self.calibrations, base.beat)
+            (first, second), (calibration, other) = self.sweeps, self.calibrations
+            frequencies = base.beat[0], base.beat[1]
+            delay = np.asarray(delay_on_true_clocks((first, second), (calibration, other), frequencies))
         return (
             np.concatenate([log - level[..., None], phases]).swapaxes(0, 1),
             np.stack(base.power, axis=1),
@@ -327,10 +330,23 @@ class Extractor:
         """Return what fusion makes of one sweep pair."""
         shares = []
         for sweep, calibration, e in zip(self.sweeps, self.calibrations, estimates, strict=True):
-            values = (e.frequency[row], e.frequency_std[row], e.phase[row], e.power[row], e.snr[row])
-            beat = Beat(sweep.station, sweep.peer, row, 0, *map(float, values), 0, '', e.independent_std[row], e.window)
+            beat = Beat(
+                station=sweep.station,
+                peer=sweep.peer,
+                sweep_id=row,
+                flags=0,
+                frequency=float(e.frequency[row]),
+                frequency_std=float(e.frequency_std[row]),
+                phase=float(e.phase[row]),
+                power=float(e.power[row]),
+                snr=float(e.snr[row]),
+                stamp=0,
+                independent_std=float(e.independent_std[row]),
+                window=e.window,
+            )
             shares.append(Share(beat, sweep, calibration))
-        return combine(*shares)
+        first, second = shares
+        return combine(first, second)
 
 
 def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:

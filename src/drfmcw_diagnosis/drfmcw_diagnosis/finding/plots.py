@@ -47,8 +47,8 @@ def _figure(height: float) -> Figure:
 def _png(figure: Figure) -> bytes:
     """Return a figure as PNG with a palette: a third of the size, and no date in it."""
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
     drawn = Image.fromarray(pixels[..., :3])
     image = io.BytesIO()
     drawn.quantize(_COLORS, dither=Image.Dither.NONE).save(image, 'PNG', optimize=True)

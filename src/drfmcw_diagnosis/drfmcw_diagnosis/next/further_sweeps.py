@@ -168,7 +168,9 @@ class _Sweeps(Measurement):
 def _at(effect: Effect, groups: Sequence[int]) -> Effect:
     """Return an effect whose parameters differ from group to group with those of some groups alone."""
     lists = {name: getattr(effect, name) for name in effect.list_parameters()}
-    chosen = {name: tuple(values[g] for g in groups) for name, values in lists.items() if len(values) > 1}
+    chosen: dict[str, Any] = {
+        name: tuple(values[g] for g in groups) for name, values in lists.items() if len(values) > 1
+    }
     return dataclasses.replace(effect, **chosen)
 
 

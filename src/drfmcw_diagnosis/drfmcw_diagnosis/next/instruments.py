@@ -150,7 +150,8 @@ class PhaseNoiseMeter(_Reading):
 
     def read(self, m: Measurements, effects: Effects) -> np.ndarray:
         """Return single side-bands [dBc/Hz]."""
-        sidebands = [s.phase_noise.single_sideband(np.array(self.offsets)) for s in m.stations]
+        oscillators = [s.phase_noise for s in m.stations if s.phase_noise is not None]  # of all, see `moments`
+        sidebands = [oscillator.single_sideband(np.array(self.offsets)) for oscillator in oscillators]
         return 10.0 * np.log10(np.concatenate(sidebands))
 
     def std(self, comparison: Comparison, m: Measurements) -> float:

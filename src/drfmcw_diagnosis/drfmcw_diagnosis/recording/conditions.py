@@ -189,10 +189,16 @@ def _held(history: History[float] | None, stamps: np.ndarray, default: float) ->
 
 @functools.lru_cache(maxsize=64)
 def _completed(stations: tuple[str, ...], own: tuple[SweepSettings | None, ...]) -> tuple[SweepSettings, ...]:
-    """Return the settings of all stations from those told."""
+    """Return the settings of all stations; a station without any (None) has its peer's, in the other role.
+
+    Raises:
+        ValueError: no station has settings.
+    """
     settings = []
     for sweep, other, station in zip(own, reversed(own), stations, strict=True):
         if sweep is None:
+            if other is None:
+                raise ValueError(f'no settings of {" and ".join(stations)}')
             role = Role.FIRST if other.role == Role.SECOND else Role.SECOND
             sweep = dataclasses.replace(other, station=station, peer=other.station, role=int(role), frame_id='')
         scale = 0.0 if np.isnan(sweep.full_scale_power) else sweep.full_scale_power
