@@ -13,9 +13,9 @@ from checkout import DATA
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.finding import wording
+from drfmcw_diagnosis.finding.limits import SEPARATION
 from drfmcw_diagnosis.finding.report import render_html
 from drfmcw_diagnosis.finding.result import (
-    SEPARABLE,
     BeforeAfter,
     Diagnosis,
     Estimate,
@@ -108,15 +108,15 @@ def test_references_of_either_station_are_parted_by_a_counter_or_another_station
         recording, truth, other, FrequencyCounter('alpha'), Exchanged('slave'), MoreSweeps(), SecondInstrument()
     )
     assert counter == pytest.approx(0.2 * np.sqrt(2.0) / 0.01, rel=0.1)  # +0.2 and 0 ppm against 0 and -0.2 ppm
-    assert exchanged > SEPARABLE
+    assert exchanged > SEPARATION.separable
     assert longer < 0.5 and instrument < ROOT
 
 
 def test_synthesisers_of_either_station_are_parted_by_another_station(recording):
     truth = true(recording, 'sweep_ripple', 'slave', deviation=60.0, rate=7000.0, phase=1.0)
     other = rival(recording, truth, 'sweep_ripple', 'master', deviation=60.0, rate=7000.0, phase=1.0 - np.pi)
-    assert separations(recording, truth, other, Exchanged('master'))[0] > SEPARABLE
-    assert separations(recording, truth, other, Repeated('as before'))[0] < 0.5 * SEPARABLE
+    assert separations(recording, truth, other, Exchanged('master'))[0] > SEPARATION.separable
+    assert separations(recording, truth, other, Repeated('as before'))[0] < 0.5 * SEPARATION.separable
 
 
 def test_warming_and_ageing_of_a_clock_are_parted_by_heat_and_by_counters(warming):
@@ -132,7 +132,7 @@ def test_warming_and_ageing_of_a_clock_are_parted_by_heat_and_by_counters(warmin
         FrequencyCounter('alpha', later=3600.0),
         MoreSweeps(),
     )
-    assert min(heated, warmer, hour) > SEPARABLE
+    assert min(heated, warmer, hour) > SEPARATION.separable
     assert longer < 1.0
 
 
@@ -147,7 +147,7 @@ def test_delays_of_either_board_are_parted_by_heating_one(warming):
         Repeated('warmer', board=15.0, air=15.0),
         FrequencyCounter('alpha'),
     )
-    assert one > SEPARABLE
+    assert one > SEPARATION.separable
     assert both < 0.1 and counter < ROOT
 
 

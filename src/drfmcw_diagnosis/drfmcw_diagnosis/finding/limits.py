@@ -7,6 +7,9 @@ import dataclasses
 class ViewLimits:
     """What a finding names and shows."""
 
+    beyond_chance: float = 4.0
+    """Standard deviations by which a sum of squares must exceed its expectation to be an excess; chosen."""
+
     central: float = 0.9
     """Share of an excess that a location's span holds [1]; chosen."""
 
@@ -19,5 +22,97 @@ class ViewLimits:
     predicted: float = 3.0
     """Doubt in standard deviations, to which a number must be predicted to count as misfit; chosen."""
 
+    compared: int = 6
+    """Explanations of one effect whose distances a finding lists, at most; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SeparationLimits:
+    """How the separation that a measurement brings is judged."""
+
+    separable: float = 4.0
+    """Distance below which two explanations are one answer [standard deviations]; chosen: chance exceeds it in 6 of
+    100 000 measurements."""
+
+    informative: float = 1.0
+    """Separation from which on a measurement contributes to the decision [standard deviations]; chosen."""
+
+    full_bar: float = 20.0
+    """Separation from which on a measurement's bar in the report is full [standard deviations]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ScenarioLimits:
+    """How a recording becomes a scenario."""
+
+    moving: float = 4.0
+    """Standard deviations from which on a group's velocity is more than the reference's noise; chosen."""
+
+    fewest: int = 4
+    """Sweeps of a group from which its scatter is estimated, at least; chosen."""
+
+    rounds: int = 4
+    """Iterations that remove the reference's errors; derived: errors are small against the distance, so each
+    iteration leaves 1e-3 of the error before it."""
+
+    shortest_report: float = 0.1
+    """Interval of weather and status, at least [s]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SentenceLimits:
+    """How much the sentences hold; the tables hold all."""
+
+    listed: int = 4
+    """Rivals and locations named, at most; chosen."""
+
+    further: int = 2
+    """Measurements named after the best one, at most; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PageLimits:
+    """How many series the page shows."""
+
+    most: int = 30
+    """Series in the page, at most; chosen: it stays below 3 MB."""
+
+    unfolded: int = 6
+    """Series shown unfolded, at most: those with the largest excess misfit; chosen."""
+
+    least: int = 2
+    """Series shown unfolded, at least, even if they hold nothing but noise; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PlotLimits:
+    """What the plots look like."""
+
+    width: float = 11.0
+    """Width of a figure [in]; chosen."""
+
+    dpi: int = 150
+    """Resolution [1/in]; chosen: 1.5 times a screen's, enough for paper."""
+
+    colors: int = 192
+    """Colours of a picture's palette; chosen."""
+
+    enlarged: float = 4.0
+    """The remainder is also shown enlarged if the residual was this many times larger before [1]; chosen."""
+
+    bars: int = 120
+    """Points drawn with error bars of their own, at most; chosen."""
+
+    deepest: float = 8.0
+    """Misfit per degree of freedom with the deepest red of a map, at least, so that noise stays pale [1]; chosen."""
+
+    cells: int = 14
+    """Columns of a map whose cells hold their numbers, at most; chosen."""
+
 
 VIEWS = ViewLimits()
+SEPARATION = SeparationLimits()
+SCENARIO = ScenarioLimits()
+SENTENCES = SentenceLimits()
+PAGE = PageLimits()
+PLOTS = PlotLimits()

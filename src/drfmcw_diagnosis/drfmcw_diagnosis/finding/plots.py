@@ -16,6 +16,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from PIL import Image
 
 from . import wording
+from .limits import PLOTS
 from .result import Fit, Location, MisfitMap, Series
 
 DATA, CURVE, NOISE, SPAN = '#2f4b66', '#c8374a', '#dde5ee', '#e6a817'
@@ -31,17 +32,10 @@ _STYLE: Any = {
     'legend.fontsize': 9,
     'legend.frameon': False,
 }
-_WIDTH = 11.0  # [in]
-_DPI = 150  # 1.5 times a screen's, enough for paper
-_COLORS = 192
-_ENLARGED = 4.0  # the remainder is also shown enlarged if the residual was this many times larger before
-_BARS = 120  # most points drawn with error bars of their own
-_DEEPEST = 8.0  # least misfit for the deepest red of a map, so that noise stays pale
-_CELLS = 14  # most columns of a map whose cells hold their numbers
 
 
 def _figure(height: float) -> Figure:
-    return Figure(figsize=(_WIDTH, height), dpi=_DPI, layout='constrained')
+    return Figure(figsize=(PLOTS.width, height), dpi=PLOTS.dpi, layout='constrained')
 
 
 def _png(figure: Figure) -> bytes:
@@ -51,7 +45,7 @@ def _png(figure: Figure) -> bytes:
     pixels = np.asarray(canvas.buffer_rgba())
     drawn = Image.fromarray(pixels[..., :3])
     image = io.BytesIO()
-    drawn.quantize(_COLORS, dither=Image.Dither.NONE).save(image, 'PNG', optimize=True)
+    drawn.quantize(PLOTS.colors, dither=Image.Dither.NONE).save(image, 'PNG', optimize=True)
     return image.getvalue()
 
 
@@ -62,7 +56,7 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
         panels = [('before: nominal model', shown.before), ('after: explanation in the model', shown.after)]
     values = np.concatenate([np.asarray(v, float).ravel() for _, v in panels])
     values = values[np.isfinite(values) & (values > 0.0)]
-    largest = max(_DEEPEST, float(values.max(initial=0.0)))
+    largest = max(PLOTS.deepest, float(values.max(initial=0.0)))
     turned = max(map(len, shown.columns), default=0) * len(shown.columns) > 70
     below = 0.3 + (0.07 * max(map(len, shown.columns)) if turned else 0.2)
     height = len(panels) * (0.45 + 0.36 * len(shown.rows)) + below
@@ -82,7 +76,7 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
             axis.set_yticklabels(shown.rows, parse_math=False)
             axis.tick_params(length=0)
             axis.spines[:].set_visible(False)
-            if len(shown.columns) <= _CELLS:
+            if len(shown.columns) <= PLOTS.cells:
                 _write_cells(axis, cells, largest)
         axes[-1].set_xticks(np.arange(len(shown.columns)) + 0.5)
         options = {'rotation': 35, 'ha': 'right', 'rotation_mode': 'anchor'} if turned else {}
@@ -139,7 +133,7 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
         after = before - curve
         narrow = _limits(after - noise, after + noise, -2.0 * noise, 2.0 * noise)
         panels.append((after, 'after: explanation in the model', scale))
-        if scale[1] - scale[0] > _ENLARGED * (narrow[1] - narrow[0]):
+        if scale[1] - scale[0] > PLOTS.enlarged * (narrow[1] - narrow[0]):
             panels.append((after, 'after, enlarged', narrow))
     spans = [
         (x.start * x_factor, x.end * x_factor)
@@ -153,7 +147,7 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
             _points(axis, x, values, std)
             if explained and number == 0:
                 at, of = _means(x, curve)
-                marker = 'o' if len(at) <= _BARS and len(at) < len(x) else None
+                marker = 'o' if len(at) <= PLOTS.bars and len(at) < len(x) else None
                 axis.plot(
                     at, of, color=CURVE, linewidth=1.6, marker=marker, markersize=4, zorder=4, label='explanation'
                 )
@@ -182,7 +176,7 @@ def _limits(*shown: np.ndarray) -> tuple[float, float]:
 def _points(axis: Axes, x: np.ndarray, values: np.ndarray, std: np.ndarray) -> None:
     at, mean = _means(x, values)
     repeated = len(at) <= len(x) / 3
-    if len(x) <= _BARS and not repeated:
+    if len(x) <= PLOTS.bars and not repeated:
         axis.errorbar(
             x, values, std, fmt='o', markersize=3.5, color=DATA, elinewidth=0.9, zorder=3, label='data, ± 1 std'
         )
@@ -194,7 +188,7 @@ def _points(axis: Axes, x: np.ndarray, values: np.ndarray, std: np.ndarray) -> N
         x, values, '.', color=DATA, markersize=2.5, alpha=0.5 if repeated else 0.7, zorder=2,
         label='data',
     )  # fmt: skip
-    if repeated and len(at) <= _BARS:
+    if repeated and len(at) <= PLOTS.bars:
         _, weight = _means(x, np.ones_like(x), total=True)
         axis.errorbar(
             at, mean, np.sqrt(variance / weight), fmt='D', markersize=4, color='black', zorder=3,

@@ -16,14 +16,10 @@ from drfmcw_sim.effects import Effect, Of, effect_from_mapping
 from drfmcw_sim.scenario import TimingSettings, WeatherSettings, scenario_from_mapping
 
 from ..recording.dataset import Dataset
+from .limits import SCENARIO
 
 FoundEffect = tuple[str, str | None, Mapping[str, float | Sequence[float]]]
 """Name of an effect, its station (or None), its parameters."""
-
-_MOVING = 4.0  # standard deviations from which on a group's velocity is more than the reference's noise
-_FEW = 4  # sweeps: a smaller group tells no scatter
-_ROUNDS = 4  # errors are small against the distance: each round leaves 1e-3 of what the one before left
-_SHORTEST_REPORT = 0.1  # interval of weather and status [s]
 
 
 def scenario_mapping(dataset: Dataset, effects: Sequence[FoundEffect] = ()) -> dict[str, Any]:
@@ -154,7 +150,7 @@ def _timing(dataset: Dataset) -> tuple[float, np.ndarray]:
 def _report_interval(pauses: np.ndarray) -> float:
     """Return how often weather and temperatures have to be told, to be told anew before each stop [s]."""
     moving = pauses[pauses > 0.0]
-    return max(_number(moving.min() / 2.0), _SHORTEST_REPORT) if len(moving) else math.inf
+    return max(_number(moving.min() / 2.0), SCENARIO.shortest_report) if len(moving) else math.inf
 
 
 def _distances(
@@ -170,7 +166,7 @@ def _distances(
     for number, start in enumerate(starts):
         rows = np.flatnonzero(dataset.group == number)
         velocity = float(dataset.velocity[start])
-        if not abs(velocity) > _MOVING * float(dataset.velocity_std[start]):
+        if not abs(velocity) > SCENARIO.moving * float(dataset.velocity_std[start]):
             velocity = 0.0
         middle, time = float(np.mean(dataset.distance[rows])), float(np.mean(dataset.time[rows]))
         ends = dataset.time[rows[[0, -1]]]
@@ -194,7 +190,7 @@ def _without_errors(
         velocity: their slope [m/s].
     """
     distances = readings
-    for _ in range(_ROUNDS if effects else 0):
+    for _ in range(SCENARIO.rounds if effects else 0):
 
         def at(t: float, known: float, time: float, speed: float = velocity) -> float:
             return known + speed * (t - time)
@@ -296,7 +292,7 @@ def _sizeable_groups(dataset: Dataset) -> list[np.ndarray]:
     """Return the rows of groups in which every station found a line often enough to tell a scatter."""
     found = np.isfinite(dataset.lines.frequency[[s is not None for s in dataset.samples]]).all(axis=0)
     groups = [np.flatnonzero(found & (dataset.group == number)) for number in range(dataset.group[-1] + 1)]
-    return [rows for rows in groups if len(rows) >= _FEW]
+    return [rows for rows in groups if len(rows) >= SCENARIO.fewest]
 
 
 def _scatter(time: np.ndarray, values: np.ndarray) -> float:

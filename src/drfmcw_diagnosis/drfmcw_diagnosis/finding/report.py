@@ -13,18 +13,8 @@ import yaml
 from markupsafe import Markup, escape
 
 from . import plots, wording
-from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
-
-PANELS = 6
-"""Most series shown unfolded: those with the largest excess misfit."""
-
-MOST = 30
-"""Most series in the page, which keeps it below 3 MB."""
-
-LEAST = 2
-"""Fewest series shown unfolded, even if they hold nothing but noise."""
-
-_FULL_BAR = 5.0 * SEPARABLE  # separation from which on a measurement's bar is full
+from .limits import PAGE, SEPARATION
+from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
 _ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader('drfmcw_diagnosis.finding', 'templates'),
@@ -95,8 +85,8 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
     effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     ranges = _range_series(diagnosis.series)
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
-    panels = [_panel(s, diagnosis) for s in others[:MOST]]
-    shown = min(PANELS, max(LEAST, sum(map(_is_informative, others))))
+    panels = [_panel(s, diagnosis) for s in others[:PAGE.most]]
+    shown = min(PAGE.unfolded, max(PAGE.least, sum(map(_is_informative, others))))
     return _ENVIRONMENT.get_template('report.html').render(
         d=diagnosis,
         w=wording,
@@ -108,13 +98,13 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         misfit_map=diagnosis.misfit_map and _uri(plots.misfit_map(diagnosis.misfit_map, explained)),
         panels=panels[:shown],
         folded=panels[shown:],
-        left_out=max(0, len(others) - MOST),
+        left_out=max(0, len(others) - PAGE.most),
         ranges=ranges and _panel(ranges, diagnosis),
         ranking=_ranking(diagnosis),
         deciding=_deciding(diagnosis),
-        threshold=100.0 * SEPARABLE / _FULL_BAR,
+        threshold=100.0 * SEPARATION.separable / SEPARATION.full_bar,
         separability=diagnosis.separability and _cells(diagnosis.separability),
-        separable=SEPARABLE,
+        separable=SEPARATION.separable,
         held_out=_uri(plots.held_out(diagnosis.fit)) if explained else None,
         locations=[
             (x, 100.0 * min(max(x.share, 0.0), 1.0) if math.isfinite(x.share) else 0.0)
@@ -228,12 +218,12 @@ def _deciding(diagnosis: Diagnosis) -> list[Deciding]:
         Deciding(
             m.sentence,
             wording.plain(m.separation, 2),
-            100.0 * min(m.separation / _FULL_BAR, 1.0),
+            100.0 * min(m.separation / SEPARATION.full_bar, 1.0),
             wording.capital(wording.ruled_out(m, diagnosis)),
             m.decides > 0,
         )
         for m in diagnosis.measurements
-        if m.separation >= wording.INFORMATIVE
+        if m.separation >= SEPARATION.informative
     ]
 
 
@@ -248,7 +238,7 @@ def _cells(separability: Separability) -> list[tuple[str, list[Cell]]]:
                 cells.append(Cell('', ''))
             else:
                 text = '∞' if math.isinf(distance) else wording.plain(distance, 2)
-                cells.append(Cell(text, 'near' if distance < SEPARABLE else 'far'))
+                cells.append(Cell(text, 'near' if distance < SEPARATION.separable else 'far'))
         rows.append((name, cells))
     return rows
 

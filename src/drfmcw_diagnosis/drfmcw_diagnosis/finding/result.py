@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from .limits import SEPARATION
+
 LEVELS = ('if_samples', 'if_spectrum', 'beat_frequency', 'amplitude', 'noise', 'range')
 """Levels at which data and model are compared."""
-
-SEPARABLE = 4.0
-"""Distance below which two explanations are one answer [standard deviations]."""
 
 VERDICTS = ('consistent', 'explained', 'ambiguous', 'unexplained')
 """What can come out."""
@@ -118,12 +117,13 @@ class NextMeasurement:
     @property
     def decides(self) -> int:
         """Number of rivals that it would rule out."""
-        return sum(s >= SEPARABLE for s in self.separations)
+        return sum(s >= SEPARATION.separable for s in self.separations)
 
     @property
     def separation(self) -> float:
         """Smallest of the separations that rule a rival out; the largest where none does."""
-        return min((s for s in self.separations if s >= SEPARABLE), default=max(self.separations, default=0.0))
+        ruling_out = (s for s in self.separations if s >= SEPARATION.separable)
+        return min(ruling_out, default=max(self.separations, default=0.0))
 
 
 @dataclasses.dataclass(frozen=True)

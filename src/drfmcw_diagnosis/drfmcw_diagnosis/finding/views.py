@@ -43,7 +43,7 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
         z = c.residual[c.rows(kind, station)]
         used = np.count_nonzero(z)
         if used:
-            excess[kind, station] = max(float(z @ z) - used - 4.0 * math.sqrt(2.0 * used), 0.0)
+            excess[kind, station] = max(float(z @ z) - used - VIEWS.beyond_chance * math.sqrt(2.0 * used), 0.0)
     uneven = {i: codes for i, codes in enumerate(c.codes) if codes is not None and codes.probability < VIEWS.by_chance}
     excess |= {(None, station): codes.excess for station, codes in uneven.items()}
     total = sum(excess.values())
@@ -146,7 +146,7 @@ def _shown(comparison: Comparison, kind: Kind, station: int, chosen: Fitted | No
 
 def separability(rounds: Sequence[Sequence[Fitted]]) -> Separability | None:
     """Return how far the best explanations with one effect lie from each other."""
-    ranked = rounds[0][:6] if rounds else []
+    ranked = rounds[0][:VIEWS.compared] if rounds else []
     if len(ranked) < 2:
         return None
     names = []

@@ -9,7 +9,8 @@ import numpy as np
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect, Of
 
-from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
+from .limits import SENTENCES, SEPARATION
+from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
 
 AXES = {
     'ramp_time': ('time in the sweep', 's'),
@@ -31,17 +32,12 @@ LEVEL_WORDS = {
     'range': 'range',
 }
 
-INFORMATIVE = 1.0
-"""Separation from which on a measurement contributes to the decision [standard deviations]."""
-
 _UNITS = {'1': '', '1e-6': '·10⁻⁶', 'm^2': 'm²', 'degC': '°C'}
 _PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the first that fits is taken
     'Hz': ((1e9, 1e-9, 'GHz'), (1e6, 1e-6, 'MHz'), (1e4, 1e-3, 'kHz'), (1.0, 1.0, 'Hz'), (0.0, 1e3, 'mHz')),
     's': ((1.0, 1.0, 's'), (1e-3, 1e3, 'ms'), (1e-6, 1e6, 'µs'), (0.0, 1e9, 'ns')),
     'm': ((1.0, 1.0, 'm'), (0.0, 1e3, 'mm')),
 }
-_LISTED = 4  # rivals and locations named in the sentences; the tables hold all
-_FURTHER = 2  # measurements named after the best one
 _IDEAL = 'A correct model gives 1.'
 
 
@@ -336,7 +332,7 @@ def _where(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == 'consistent' or not diagnosis.locations:
         return []
     ordered = sorted(diagnosis.locations, key=lambda x: -x.share)
-    said = [f'{level_title(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[:_LISTED]]
+    said = [f'{level_title(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[:SENTENCES.listed]]
     more = len(ordered) - len(said)
     end = f'; and {_count(more, "smaller contribution")}' if more else ''
     return [f'Contributions to the excess misfit: {"; ".join(said)}{end}.']
@@ -400,7 +396,7 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
             f'The second-best explanation is {explanation_title(rival)}. The explanation above is '
             f'{odds(best - rival.log_evidence_gain)} probable.'
         ]
-    shown = diagnosis.alternatives[:_LISTED]
+    shown = diagnosis.alternatives[:SENTENCES.listed]
     said = [
         f'Another explanation is {with_sizes(rival)}. The first one is {odds(best - rival.log_evidence_gain)} probable.'
         for rival in shown
@@ -424,12 +420,12 @@ def _next(diagnosis: Diagnosis) -> list[str]:
     best, *others = diagnosis.measurements
     tried = f'{_count(len(diagnosis.measurements), "measurement")} simulated under every explanation'
     if not best.decides:
-        if best.separation < INFORMATIVE:
+        if best.separation < SEPARATION.informative:
             return [*said, f'Of {tried}, none would separate them.']
         return [
             *said,
             f'Of {tried}, none would decide. The best one separates them by {plain(best.separation, 2)} standard '
-            f'deviations; {SEPARABLE:g} are needed. It is: {_closed(best.sentence)}',
+            f'deviations; {SEPARATION.separable:g} are needed. It is: {_closed(best.sentence)}',
         ]
     said.append(
         f'Of {tried}, this one separates them best. If the first explanation is right, it rules out '
@@ -438,7 +434,7 @@ def _next(diagnosis: Diagnosis) -> list[str]:
     good = [
         f'{m.sentence.rstrip(".")} ({plain(m.separation, 2)}: {ruled_out(m, diagnosis)})' for m in others if m.decides
     ]
-    return [*said, f'Next best: {"; ".join(good[:_FURTHER])}.'] if good else said
+    return [*said, f'Next best: {"; ".join(good[:SENTENCES.further])}.'] if good else said
 
 
 def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
@@ -447,7 +443,7 @@ def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
     if measurement.decides == len(rivals):
         return {1: 'the rival', 2: 'both rivals'}.get(len(rivals), f'all {len(rivals)} rivals')
     separated = zip(rivals, measurement.separations, strict=True)
-    return ', '.join(explanation_title(r) for r, s in separated if s >= SEPARABLE) or 'none'
+    return ', '.join(explanation_title(r) for r, s in separated if s >= SEPARATION.separable) or 'none'
 
 
 def _count(n: int, noun: str) -> str:
