@@ -85,7 +85,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
     effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     ranges = _range_series(diagnosis.series)
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
-    panels = [_panel(s, diagnosis) for s in others[:PAGE.most]]
+    panels = [_panel(s, diagnosis) for s in others[: PAGE.most]]
     shown = min(PAGE.unfolded, max(PAGE.least, sum(map(_is_informative, others))))
     return _ENVIRONMENT.get_template('report.html').render(
         d=diagnosis,

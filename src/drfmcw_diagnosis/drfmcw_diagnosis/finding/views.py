@@ -146,7 +146,7 @@ def _shown(comparison: Comparison, kind: Kind, station: int, chosen: Fitted | No
 
 def separability(rounds: Sequence[Sequence[Fitted]]) -> Separability | None:
     """Return how far the best explanations with one effect lie from each other."""
-    ranked = rounds[0][:VIEWS.compared] if rounds else []
+    ranked = rounds[0][: VIEWS.compared] if rounds else []
     if len(ranked) < 2:
         return None
     names = []

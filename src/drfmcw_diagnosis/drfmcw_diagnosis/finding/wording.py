@@ -332,7 +332,7 @@ def _where(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == 'consistent' or not diagnosis.locations:
         return []
     ordered = sorted(diagnosis.locations, key=lambda x: -x.share)
-    said = [f'{level_title(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[:SENTENCES.listed]]
+    said = [f'{level_title(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[: SENTENCES.listed]]
     more = len(ordered) - len(said)
     end = f'; and {_count(more, "smaller contribution")}' if more else ''
     return [f'Contributions to the excess misfit: {"; ".join(said)}{end}.']
@@ -396,7 +396,7 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
             f'The second-best explanation is {explanation_title(rival)}. The explanation above is '
             f'{odds(best - rival.log_evidence_gain)} probable.'
         ]
-    shown = diagnosis.alternatives[:SENTENCES.listed]
+    shown = diagnosis.alternatives[: SENTENCES.listed]
     said = [
         f'Another explanation is {with_sizes(rival)}. The first one is {odds(best - rival.log_evidence_gain)} probable.'
         for rival in shown
@@ -434,7 +434,7 @@ def _next(diagnosis: Diagnosis) -> list[str]:
     good = [
         f'{m.sentence.rstrip(".")} ({plain(m.separation, 2)}: {ruled_out(m, diagnosis)})' for m in others if m.decides
     ]
-    return [*said, f'Next best: {"; ".join(good[:SENTENCES.further])}.'] if good else said
+    return [*said, f'Next best: {"; ".join(good[: SENTENCES.further])}.'] if good else said
 
 
 def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
