@@ -1,9 +1,9 @@
-"""What the codes of an ADC tell: bits that stick, codes that are missing, and limits at which samples pile up.
+"""Faults that the histogram of an ADC's codes shows: stuck bits, missing codes, limits at which samples pile up.
 
-Noise of some codes' width makes the histogram of the samples smooth, whatever the signal: its fourth differences
-are those of counts alone. A stuck bit leaves combs of empty codes, a converter with gaps steps at their ends. Noise and
-mean of the samples would pass for a higher floor and a leakage. A limiter leaves more samples at the outermost code
-than at the next, which noise never does.
+Noise with a standard deviation of several codes makes the histogram of the samples smooth, whatever the signal: its
+fourth differences are those of counting noise alone. A stuck bit leaves combs of empty codes; a converter with gaps
+leaves steps at their ends. Without this test, such a fault would pass for a higher noise floor and a leakage. A limiter
+leaves more samples at the outermost code than at the next one, which noise never does.
 """
 
 import dataclasses
@@ -20,8 +20,8 @@ _DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 class Codes:
     """How uneven a station's codes are."""
 
-    probability: float  # of so much by chance
-    excess: float  # of squared differences over their deviations, less their number
+    probability: float  # of as much unevenness by chance
+    excess: float  # sum of squared differences over their variances, less its expectation
     low: float  # codes between which the excess lies [LSB]
     high: float
 
@@ -35,7 +35,7 @@ def piled(samples: np.ndarray) -> np.ndarray:
     """Return how many more samples a sweep has at its outermost codes than at the next ones, beyond chance (n,).
 
     Args:
-        samples: (n, N), also before the ADC, whose codes they are rounded to, or complex [LSB].
+        samples: (n, N), also analogue ones, which are rounded to codes, or complex [LSB].
     """
     if np.iscomplexobj(samples):
         return piled(samples.real) + piled(samples.imag)
@@ -48,7 +48,7 @@ def piled(samples: np.ndarray) -> np.ndarray:
 
 
 def _in_steps(samples: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return codes in steps from the lowest, and the step [LSB]: an ADC of fewer bits may leave the lowest at zero."""
+    """Return codes in steps from the lowest, and the step [LSB]: above 1 if the lowest bits are always 0."""
     codes = samples.ravel().astype(np.int64) - int(samples.min())
     step = max(int(np.gcd.reduce(codes)), 1)
     return codes // step, step
@@ -59,7 +59,7 @@ def _is_smooth(step: int, noise: float) -> bool:
 
 
 def evenness(samples: np.ndarray, noise: float) -> Codes | None:
-    """Return how uneven the codes of one station are, None where noise or counts are too few to tell.
+    """Return how uneven the codes of one station are, None where there is too little noise or too few counts.
 
     Args:
         samples: int16, any shape [LSB].

@@ -1,10 +1,11 @@
-"""Whose oscillator is the noisier: what the phase noise of both stations' lines has in common.
+"""Which oscillator is noisier: the coherence of the phase noise of both stations' lines.
 
-Each line holds one oscillator's noise as it is and the other's a delay earlier. With densities S_1 and S_2 of both and
-a path's delay tau the phases of both lines, each station's own less the received one, have the cross spectrum
--(S_1 exp(j w tau) + S_2 exp(-j w tau)). The powers of the lines' skirts tell S_1 + S_2 alone; the imaginary part of the
-cross spectrum, -(S_1 - S_2) sin(w tau), tells which is larger. It is compared over the root of the powers of the
-phases' sum and difference, in which the shape of the noise cancels: (S_1 - S_2) / (S_1 + S_2) where it is all there is.
+Each line contains its own station's oscillator noise, and that of the other station as it was one path delay tau ago.
+Let S_1 and S_2 be the oscillators' noise densities. The phases of both lines, each station's own less the received one,
+then have the cross spectrum -(S_1 exp(j w tau) + S_2 exp(-j w tau)). The power of the lines' skirts depends on
+S_1 + S_2 alone. The imaginary part of the cross spectrum, -(S_1 - S_2) sin(w tau), shows which one is larger. It is
+compared relative to the root of the powers of the phases' sum and difference, so that the shape of the noise cancels:
+(S_1 - S_2) / (S_1 + S_2) remains if there is no other noise.
 """
 
 import dataclasses
@@ -41,7 +42,7 @@ class Sidebands:
 
 
 def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
-    """Return which sidebands are compared where lines stand at `line` (..., 2) [Hz]."""
+    """Return which sidebands of lines at the frequencies `line` (..., 2) [Hz] are compared."""
     width = sweep.sample_rate / sweep.sample_count
     offset = np.arange(SIDEBANDS.nearest, int(FARTHEST * sweep.sample_count)) * width
     upper = line[..., None] + offset < sweep.sample_rate / 2 - SIDEBANDS.clear * width
@@ -75,8 +76,8 @@ def measured(
     Args:
         samples: real, of both stations (n, N) [LSB].
         line: frequencies of their lines (n, 2) [Hz].
-        chirp: that stands on each station's lines (2,) [Hz/s].
-        later: by which the second station's sweeps start later (n,) [s].
+        chirp: residual chirp rate of each station's line (2,) [Hz/s].
+        later: delay of the second station's sweep start after the first one's (n,) [s].
         weights: window of each station (N,).
         sweeps: settings of both.
     """
@@ -93,9 +94,9 @@ def measured(
         above, below = -1j * spectrum[:, bins], 1j * spectrum[:, -bins].conj()
         both = np.where(used.upper[number], above, 0.0) + np.where(used.lower[number], below, 0.0)
         phases.append(sweep.line_sign() * both)
-    one, two = phases[0], -phases[1]  # lines count the first station's phase less the second's
+    one, two = phases[0], -phases[1]  # both as the first station's phase less the second's
     two = two * np.exp(-2j * np.pi * later[:, None] * used.offset)
-    # what all sweeps share is no noise; a line of its own at some offset counts no more than noise does
+    # what all sweeps share is no noise; the scaling keeps a spur at some offset from counting more than noise
     one, two = ((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-30) for x in (one, two))
     return _imaginary(used, one * two.conj())
 
@@ -113,7 +114,7 @@ def predicted(
         used: sidebands compared.
         oscillators: densities of both oscillators' phase noise in one sideband (2, F) [1/Hz].
         floors: density of additive noise over the line's power (..., 2, upper and lower, F) [1/Hz].
-        responses: by which each receiver passes a sideband, over the line (..., 2, upper and lower, F), complex.
+        responses: each receiver's complex gain of a sideband over that of the line (..., 2, upper and lower, F).
         delay: of the path (...) [s].
     """
     there = np.stack([used.upper, used.lower], axis=-2)
@@ -129,9 +130,9 @@ def predicted(
 
 
 def _imaginary(used: Sidebands, cross: np.ndarray) -> np.ndarray:
-    """Return shares in the imaginary coherence (n, ..., OFFSETS) by cross spectra of phases of unit power (n, ..., F).
+    """Return shares in the imaginary coherence (n, ..., OFFSETS) from cross spectra of unit-power phases (n, ..., F).
 
-    Over the root of the mean powers of both phases' sum and difference; 0 in bands that are not present.
+    Relative to the root of the mean powers of both phases' sum and difference; 0 in bands that are not present.
     """
     total, difference = (used.summed(1.0 + s * cross.real).mean(axis=0) for s in (1.0, -1.0))
     power = np.where(used.present, total * difference, np.inf)

@@ -1,25 +1,25 @@
-"""What a recording and a model of it are compared by: a few thousand numbers per recording, on all levels.
+"""The numbers by which a recording and its model are compared: a few thousand per recording, on all levels.
 
-The same functions see measured and simulated samples. Per sweep pair amplitude, phase and start delay are free (the
-interface's nuisances) and are taken out; what remains is
+The same functions evaluate measured and simulated samples. Each sweep pair has its own amplitude, phase and start
+delay, which are no mismatch and are removed. What remains is
 
 - ramp: log amplitude of both lines, and sum and difference of both phases, over the time in the sweep. The oscillators'
-  noise stands in the sum alone, a second path in both, a synthesiser's error in the sum;
-- flutter: how much of that changes from sweep to sweep beyond the noise, which a modulation of random phase does;
+  noise appears in the sum alone, a second path in both, a synthesiser's error in the sum;
+- flutter: by how much that changes from sweep to sweep beyond the noise, as under a modulation of random phase;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
-- harmonic: what the line's harmonics hold at the line's own phase, which a distortion keeps and noise does not;
-- piled: samples at the outermost codes, which a limiter piles up there;
-- burst: how unevenly over sweeps and spans of a sweep the power beside the line is spread;
-- noise: power of the spectrum in bands, lines left out;
-- coherence: what the oscillators' noise in both lines has in common, which tells whose it is (`coherence`);
+- harmonic: the line's harmonics at the line's own phase, to which a distortion is locked and noise is not;
+- piled: excess of samples at the outermost codes, which a limiter causes;
+- burst: how unevenly the power beside the line is spread over sweeps and spans of a sweep;
+- noise: power of the spectrum in bands, without lines;
+- coherence: what the oscillators' noise in both lines has in common, which shows whose noise it is (`coherence`);
 - beat: what both beat frequencies have in common, 2 k T_off and the references' difference;
 - amplitude: received power;
 - range: combined delay, as range beyond the reference;
 - movement: range by the carrier phase within a group.
 
-Of one station alone there is neither sum nor difference: its own amplitude and phase over the sweep, and the range by
-its line. Where it hears a peer, T_off counts as nominal in that range and hides what little the phase would tell of a
-movement; where it hears itself, most of its oscillator's noise cancels with the short delay.
+One station alone has neither sum nor difference: its own amplitude and phase over the sweep are compared, and the
+range from its line. Where it hears a peer, that range takes T_off as nominal, whose jitter hides a movement in the
+phase. Where it hears itself, most of its oscillator's noise cancels because the delay is short.
 """
 
 import dataclasses
@@ -55,10 +55,10 @@ SPAN = 64
 """Samples over which the power without the line is taken."""
 
 BURST = 2.2
-"""Times the median power, which no span of steady noise reaches."""
+"""Power over its median that no span of steady noise reaches [1]."""
 
 LINE = 64
-"""Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
+"""Bins on either side of a line in which no other line is sought: the ramp's features cover them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +77,7 @@ class SweepFeatures:
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
     range_std: np.ndarray  # (n,) or (n, 0), as fusion reports it [m]
-    # phase that tells a movement: sum of both, or that of a station that hears itself (n,) or (n, 0) [rad]
+    # phase from which a movement follows: sum of both, or that of a station that hears itself (n,) or (n, 0) [rad]
     carrier: np.ndarray
     phase_std: np.ndarray  # (n,) or (n, 0) of it, by additive noise and mirror lines [rad]
 
@@ -110,7 +110,8 @@ class Extractor:
             calibrated = calibrations[own], calibrations[-1 - own]
             self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, SPECTRUM.blocks)
         window = self.estimator.stations[0].duration
-        self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)  # deviation of mid-window phase per slope
+        # standard deviation of the phase in mid-window over that of the frequency [rad/Hz]
+        self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)
         self.window_power = tuple(s.meter.window_power for s in self.estimator.stations)
         self._weights = [
             window_samples('hann', *s.sweep.analysis_window(), s.sweep.sample_rate, s.sweep.sample_count) / s.window_sum
@@ -132,9 +133,9 @@ class Extractor:
             samples: of each station with samples (n, N) or (n, 2 N), int16, or float before the ADC.
             full_scale: ADC code of full scale [LSB].
             index: refractive index of the air (n,), or one for all.
-            harmonic: take the harmonics, which are (n, S, 0) else, and what is piled up at a limit, which is 0 else.
-            quiet: take the power without the line, which is (n, S, 0) else.
-            noisy: take what the noise of range and carrier is told by, and the carrier, which are (n, 0) else.
+            harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
+            quiet: compute `quiet`; otherwise it is (n, S, 0).
+            noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
         """
         functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
         taken = tuple(f for f, wanted in functions if wanted)
@@ -181,7 +182,7 @@ class Extractor:
     def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
         """Return each sweep's share in the coherence of both lines' phase noise (n, OFFSETS), see `coherence`.
 
-        Zero of one station alone, and of quadrature samples, whose line may stand at negative frequency.
+        Zero for one station alone, and for quadrature samples, whose line may be at negative frequency.
 
         Args:
             samples: of each station with samples (n, N).
@@ -258,7 +259,7 @@ class Extractor:
         )
 
     def _noisy(self, estimates: Sequence[Estimates]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return of each sweep the delay's standard deviation [s], the carrier's phase and its deviation [rad]."""
+        """Return of each sweep the delay's standard deviation [s], the carrier's phase and its own [rad]."""
         independent = np.sqrt(sum(e.independent_std**2 for e in estimates))
         if len(estimates) == 1:
             (only,) = estimates
@@ -280,7 +281,7 @@ class Extractor:
         turn = coherence.phasor(-(frequency[:, None] / rate) * step)
         weighted = samples * weights.astype(np.float32)
         line = np.einsum('ij,ij->i', weighted, turn)
-        if not self.topology.has_mirror:  # a quadrature receiver's line may stand at negative frequency
+        if not self.topology.has_mirror:  # a quadrature receiver's line may be at negative frequency
             mirror = np.einsum('ij,ij->i', weighted.conj(), turn)
             below = np.abs(mirror) > np.abs(line)
             weighted = np.where(below[:, None], weighted.conj(), weighted)
@@ -362,7 +363,7 @@ def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
 
 
 def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:
-    """Return which bins lie at a line (..., B), or beyond what is compared.
+    """Return which bins are at a line, or outside of what is compared (..., B).
 
     Args:
         bins: number of bins B.
@@ -402,7 +403,7 @@ def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how unevenly power is spread, (S, 3), and its deviation under steady noise.
+    """Return how unevenly power is spread, (S, 3), and the standard deviation under steady noise.
 
     Logarithm of the mean of the spans' squares over the sweeps, over its median; the share of sweeps with a span of
     more than `BURST` times the median, and the share of such spans.

@@ -25,9 +25,9 @@ class NoiseBands:
         return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
 
     def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise of each station in bands [dB of 1 LSB^2 per sample] and its deviation, (S, BANDS) each.
+        """Return the noise in bands and its standard deviation, (S, BANDS) each [dB of 1 LSB^2 per sample].
 
-        NaN, and inf as its deviation, where a line fills the band.
+        NaN and an infinite standard deviation where a line fills the band.
 
         Args:
             power: mean spectra (S, B) [LSB^2].

@@ -1,5 +1,5 @@
 """Which further measurement would separate the explanations that fit alike.
 
-In: an explanation and its rivals. Out: hypothetical measurements, ranked by how far
-apart the explanations predict their results.
+In: an explanation and its rivals. Out: hypothetical measurements, ranked by the
+separation of the results that the explanations predict.
 """

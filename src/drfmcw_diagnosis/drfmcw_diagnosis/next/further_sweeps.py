@@ -1,4 +1,4 @@
-"""Further sweeps that nobody has made yet: simulated as a recording is, and compared as one."""
+"""Hypothetical further sweeps, simulated and compared as a recording."""
 
 import abc
 import dataclasses
@@ -27,7 +27,7 @@ SWEEPS = 12
 
 @dataclasses.dataclass(frozen=True)
 class Conditions:
-    """Under which a hypothetical recording is made; one entry per group of sweeps where not said otherwise."""
+    """Conditions of a hypothetical recording; lists hold one entry per group of sweeps unless stated otherwise."""
 
     groups: tuple[int, ...]  # of the recording, from which everything else is taken
     distance: tuple[float, ...]  # [m]
@@ -36,12 +36,12 @@ class Conditions:
     air: float = 0.0  # warmer [K]
     later: float = 0.0  # [s]
     attenuation: float = 0.0  # of all received power [dB]
-    referenced: bool = True  # by the recording's reference instrument, otherwise known
+    referenced: bool = True  # distance measured by the recording's reference instrument, otherwise exactly known
 
 
 @dataclasses.dataclass(frozen=True)
 class _Supposed(Dataset):
-    """A recording that nobody has made."""
+    """A hypothetical recording."""
 
     begin: int  # stamp of the first sweep of the real one [ns]
     place: np.ndarray  # (n,) number of the distance at which each sweep is made
@@ -53,7 +53,7 @@ class _Supposed(Dataset):
 
     @property
     def group(self) -> np.ndarray:
-        """Number of the place, (n,): conditions are the same there, whatever the readings say."""
+        """Number of the distance, (n,): each distance is one group, whatever the readings."""
         return self.place
 
 
@@ -110,13 +110,13 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
 def _powered(
     data: Dataset, rows: np.ndarray, sweeps: tuple[SweepSettings, ...], distance: float, attenuation: float
 ) -> tuple[SweepSettings, ...]:
-    """Return settings whose link budget gives what the recording's sweeps receive, attenuated, nowhere overloaded."""
+    """Return settings whose link budget gives the recording's power, attenuated and never above full scale."""
     result = []
     for own, power in zip(sweeps, data.received_power[:, rows].mean(axis=1), strict=True):
         plain = dataclasses.replace(own, tx_eirp=0.0, rx_antenna_gain=0.0)
         gain = power - float(link_budget(plain, plain, np.array(data.distance[rows].mean()))) - attenuation
         most = own.full_scale_power - FURTHER.headroom - float(link_budget(plain, plain, np.array(distance)))
-        # places of equal gain are simulated together
+        # distances of equal gain are simulated together
         result.append(dataclasses.replace(plain, rx_antenna_gain=round(float(min(gain, most)), 2)))
     return tuple(result)
 
@@ -204,7 +204,7 @@ def _timed(
 
 @dataclasses.dataclass(frozen=True)
 class Baseline(_Sweeps):
-    """A distance between the antennas, on the ground, that a tape tells."""
+    """A distance between the antennas, on the ground, measured by tape."""
 
     text = 'Measure a known baseline of {m.length:g} m between the antennas, laid out by tape to {m.millimetres:g} mm.'
 
@@ -227,7 +227,7 @@ class Baseline(_Sweeps):
         return None if of_crane or effect.of is Of.REFERENCE else effect
 
     def spread(self, made: Comparison) -> np.ndarray:
-        """Return that of the tape."""
+        """Return that by the tape's error."""
         spread = np.ones(len(made.residual))
         chosen = made.entries.where(kind='range')
         spread[chosen] = np.hypot(1.0, 1e-3 * self.millimetres / made.std.range[made.entries.group[chosen]])
@@ -334,7 +334,7 @@ class Repeated(_Sweeps):
 
 @dataclasses.dataclass(frozen=True)
 class Exchanged(_Sweeps):
-    """Another, calibrated station in the place of one: what belonged to that one is gone."""
+    """Another, calibrated station replaces one, and with it that station's effects disappear."""
 
     text = 'Repeat the sweeps with another calibrated station in the place of {m.station}.'
 
@@ -342,7 +342,7 @@ class Exchanged(_Sweeps):
 
     @staticmethod
     def predictable(effect: type[Effect]) -> bool:
-        """Return False of an effect that may be the path's or either station's."""
+        """Return False for an effect that may belong to the path or to either station."""
         return not effect.movable
 
     def conditions(self, comparison: Comparison, places: int) -> Conditions | None:

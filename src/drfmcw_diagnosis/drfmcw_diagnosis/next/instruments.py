@@ -1,4 +1,4 @@
-"""Instruments that read the state of stations, air and reference: what an effect prepares, each would show."""
+"""Instruments that read the state of stations, air and reference as effects change it."""
 
 import abc
 import dataclasses
@@ -27,10 +27,10 @@ class View:
 
 @dataclasses.dataclass(frozen=True)
 class Measurement(abc.ABC):
-    """A measurement that nobody has made yet."""
+    """A hypothetical measurement."""
 
     text: ClassVar[str] = ''
-    """What to do; the measurement's fields and properties stand in braces."""
+    """What to do; a template with the measurement's fields and properties in braces."""
 
     @property
     def sentence(self) -> str:
@@ -39,7 +39,7 @@ class Measurement(abc.ABC):
 
     @staticmethod
     def predictable(effect: type[Effect]) -> bool:
-        """Return whether it is known what the measurement would show of an effect."""
+        """Return whether the result of the measurement under an effect can be predicted."""
         return True
 
     @abc.abstractmethod
@@ -53,7 +53,7 @@ class Measurement(abc.ABC):
 
 
 class _Reading(Measurement):
-    """Reads what effects make of clocks, noise, distance or reference at single moments."""
+    """Reads clocks, noise, distance or reference at single moments."""
 
     @abc.abstractmethod
     def read(self, m: Measurements, effects: Effects) -> np.ndarray:
@@ -168,7 +168,7 @@ class TerminatedAntenna(_Reading):
     accuracy: float = 0.02  # of the ADC's scale [dB]
 
     def moments(self, comparison: Comparison) -> Measurements | None:
-        """Return any moment; None where the calibrations do not tell the noise."""
+        """Return any moment; None where the calibrations give no noise."""
         return _state(comparison, [0]) if np.isfinite(comparison.std.noise).any() else None
 
     def read(self, m: Measurements, effects: Effects) -> np.ndarray:
@@ -176,7 +176,7 @@ class TerminatedAntenna(_Reading):
         return 10.0 * np.log10(np.concatenate([s.noise_std() ** 2 + QUANTISATION for s in m.stations]))
 
     def std(self, comparison: Comparison, m: Measurements) -> float:
-        """Return the deviation of all bands of a station in as many sweeps as the recording has."""
+        """Return the standard deviation over all bands of a station, with as many sweeps as the recording has."""
         together = math.sqrt(len(m.stations) / np.sum(comparison.std.noise**-2.0))
         return math.hypot(self.accuracy, together)
 
@@ -221,7 +221,7 @@ class SecondInstrument(_OfReference):
         return _state(comparison, [int(np.argmin(distances)), int(np.argmax(distances))])
 
     def std(self, comparison: Comparison, m: Measurements) -> np.ndarray:
-        """Return the deviation of the difference, the reference read as often as at one distance of the recording."""
+        """Return that of the difference, the reference read as often as at one distance of the recording."""
         reads = np.mean([len(rows) for rows in comparison.members])
         return np.hypot(
             1e-3 * self.millimetres * (1.0 + 1e-3 * m.range), self._reference_std(comparison) / math.sqrt(reads)
@@ -250,5 +250,5 @@ class DrivePast(_OfReference):
         return m
 
     def std(self, comparison: Comparison, m: Measurements) -> float:
-        """Return the deviation of one passage."""
+        """Return the standard deviation of one passage."""
         return math.hypot(self.accuracy, self._reference_std(comparison))

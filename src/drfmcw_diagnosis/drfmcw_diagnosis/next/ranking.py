@@ -1,10 +1,10 @@
 """Which measurement would decide between explanations that fit a recording alike.
 
 Each hypothetical measurement is simulated under every explanation with the registry's forward models: instruments read
-the state that an effect prepares, further sweeps are synthesised and compared as a recording is. What counts is the
-squared distance between chosen and rival explanation over recording and measurement together, after the rival's
-parameters have been fitted again (linearly, about its fit), less that over the recording alone. A rival that can follow
-is not separated.
+the state that an effect changes; further sweeps are synthesised and compared like a recording. The rival's parameters
+are fitted again (linearly, about its fit) to recording and measurement together. The squared separation is the squared
+distance between chosen and rival explanation that then remains, less that over the recording alone. A rival that can
+follow the measurement is not separated.
 """
 
 import dataclasses
@@ -75,7 +75,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
 
 
 def _condensed(chosen: _Prediction, rival: _Prediction) -> np.ndarray:
-    """Return the rival's slopes and the difference to be explained as columns of few rows, with the same products."""
+    """Return the rival's slopes and the difference as columns of fewer rows with the same inner products."""
     return np.asarray(np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r'))
 
 
@@ -125,7 +125,7 @@ def ranked(
 
 
 def _cost(fitted: Fitted) -> int:
-    """Return the effort of predicting an explanation and its derivatives at one place."""
+    """Return the effort of predicting an explanation and its derivatives at one distance."""
     predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
     distorting = any(e.candidate.kind.distorts for e in fitted.effects)
     return predictions * (FURTHER.distorting if distorting else 1)

@@ -23,7 +23,7 @@ T = TypeVar('T')
 
 
 class Conditions:
-    """Everything that a recording, or the live graph, tells besides the samples."""
+    """Everything that a recording, or the live graph, holds besides the samples."""
 
     def __init__(self, limit: int = sys.maxsize) -> None:
         """Know nothing yet; keep at most `limit` values of each kind, dropping the oldest."""
@@ -71,7 +71,7 @@ class Conditions:
                 history.keep(start, end)
 
     def ordered(self, stations: Sequence[str]) -> tuple[str, str] | None:
-        """Return (first, second) of a pair's stations, None where neither tells its settings."""
+        """Return (first, second) of a pair's stations, None where the settings of neither are known."""
         one, other = stations[0], stations[-1]
         for own, peer in ((one, other), (other, one)):
             history = self._settings.get((own, peer))
@@ -81,27 +81,27 @@ class Conditions:
         return None
 
     def unknown(self, stations: Sequence[str]) -> list[str]:
-        """Return the stations' topics that have told nothing yet, though each station latches them."""
+        """Return the stations' topics without a message so far, though each station latches them."""
         pairs = zip(stations, reversed(stations), strict=True)
         lacking = [f'/{own}/sweep_config' for own, peer in pairs if (own, peer) not in self._settings]
         return lacking + [f'/{own}/calibration' for own in stations if own not in self._calibrations]
 
     def settings_at(self, stations: Sequence[str], stamp: int) -> tuple[SweepSettings, ...]:
-        """Return the settings of all stations at `stamp`; those of a station that tells none follow its peer's."""
+        """Return the settings of all stations at `stamp`; those of a station without any follow its peer's."""
         histories = [self._settings.get(pair) for pair in zip(stations, reversed(stations), strict=True)]
         return _completed(tuple(stations), tuple(holding(h, stamp) if h else None for h in histories))
 
     def calibration(self, station: str, stamp: int) -> Calibration:
-        """Return a station's calibration at `stamp`, a nominal one where it tells none."""
+        """Return a station's calibration at `stamp`, a nominal one where it publishes none."""
         history = self._calibrations.get(station)
         return holding(history, stamp) if history else Calibration(station)
 
     def board_temperature(self, station: str, stamps: np.ndarray) -> np.ndarray:
-        """Return a board's temperature at each stamp, (n,) NaN where it tells none [degC]."""
+        """Return a board's temperature at each stamp, (n,) NaN without any reading [degC]."""
         return _held(self._temperatures.get(station), stamps, np.nan)
 
     def weather(self, stamps: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the weather at each stamp by quantity, (n,) each, the fusion's defaults where nobody tells."""
+        """Return the weather at each stamp by quantity, (n,) each, the fusion's defaults without a reading."""
         defaults = FusionSettings()
         return {q: _held(self._weather.get(q), stamps, getattr(defaults, f'default_{q}')) for q in WEATHER}
 
@@ -117,14 +117,14 @@ class Conditions:
         ).of(f'{stations[0]}/{stations[-1]}')
 
     def lacking(self, stations: Sequence[str]) -> frozenset[str]:
-        """Return the topics of calibration and weather in whose place nominal values and defaults stand."""
+        """Return the missing topics of calibration and weather, for which nominal values and defaults are used."""
         calibrations = {f'/{s}/calibration' for s in stations if s not in self._calibrations}
         return frozenset(calibrations | {f'/site/{q}' for q in WEATHER if q not in self._weather})
 
     def missing(
         self, stations: Sequence[str], sampled: Collection[str], sweeps: tuple[SweepSettings, ...]
     ) -> list[str]:
-        """Return what lacks, and what can therefore not be told.
+        """Return what is missing, and what the diagnosis therefore cannot test.
 
         Args:
             stations: of the pair.
@@ -135,16 +135,16 @@ class Conditions:
         for station, peer in zip(stations, reversed(stations), strict=True):
             if station not in sampled:
                 said.append(
-                    f'/{station}/if_samples is missing: nothing of its receiver can be told, and to which station an '
-                    'effect on the chirps belongs only where it shifts with the distance; '
-                    f"'{peer}' alone tells the distance no better than T_off is known"
+                    f'/{station}/if_samples is missing: its receiver cannot be tested; an effect on the chirps can be '
+                    'assigned to a station only where it shifts with the distance; '
+                    f"'{peer}' alone measures the distance no better than T_off is known"
                 )
             if (station, peer) not in self._settings:
                 said.append(f"/{station}/sweep_config is missing: its settings follow those of '{peer}'")
             if station not in self._calibrations:
                 said.append(
                     f'/{station}/calibration is missing: its clocks count as nominal, and an error of them cannot be '
-                    'told from what the calibration would say; its delay is not known, so the range is not compared'
+                    'separated from what the calibration would say; its delay is unknown, so the range is not compared'
                 )
             else:
                 calibration = self._calibrations[station].latest()
@@ -154,9 +154,9 @@ class Conditions:
                     if np.isnan(getattr(calibration, name))
                 ]
                 if lacking:
-                    said.append(f"{' and '.join(lacking)} of '{station}' not characterised: an excess cannot be told")
+                    said.append(f"{' and '.join(lacking)} of '{station}' not characterised: an excess cannot be tested")
             if station not in self._temperatures:
-                said.append(f'/{station}/status is missing: nothing that goes with its board temperature can be told')
+                said.append(f'/{station}/status is missing: effects of its board temperature cannot be tested')
         lacking = [f'/site/{quantity}' for quantity in WEATHER if quantity not in self._weather]
         if lacking:
             said.append(
@@ -165,12 +165,12 @@ class Conditions:
             )
         if not len(self.reference(stations).stamps):
             said.append(
-                '/reference/range is missing: the measured distance stands in for it, so what only shifts the distance '
-                '(clocks, air, delays, geometry, the reference itself) cannot be told'
+                '/reference/range is missing: the measured distance is used instead, so effects that only shift the '
+                'distance (clocks, air, delays, geometry, the reference itself) cannot be tested'
             )
         for sweep, other in zip(sweeps, reversed(sweeps), strict=True):
             if np.isnan(other.tx_eirp + sweep.rx_antenna_gain):
-                said.append(f"EIRP or antenna gain unknown: a loss of power at '{sweep.station}' cannot be told")
+                said.append(f"EIRP or antenna gain unknown: a loss of power at '{sweep.station}' cannot be tested")
         return said
 
 

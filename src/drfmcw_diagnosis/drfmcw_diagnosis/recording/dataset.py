@@ -74,9 +74,9 @@ class Dataset:
     humidity: np.ndarray  # (n,) relative [0..1]
     reference: np.ndarray  # (n,) NaN where no reading is near enough [m]
     reference_std: np.ndarray  # (n,) [m]
-    missing: tuple[str, ...]  # what the recording lacks and what can therefore not be told
-    noise_measured: tuple[bool, ...]  # of each station: no noise floor was told, the calibration holds the measured one
-    lacking: frozenset[str]  # topics of calibration and weather in whose place nominal values and defaults stand
+    missing: tuple[str, ...]  # what the recording lacks and what therefore cannot be tested
+    noise_measured: tuple[bool, ...]  # of each station: the calibration gave no noise floor and holds the measured one
+    lacking: frozenset[str]  # missing topics of calibration and weather: nominal values and defaults are used
 
     def __len__(self) -> int:
         """Return the number of sweeps."""
@@ -118,7 +118,7 @@ class Dataset:
         """Distance that the nominal model takes, (n,) [m]: the reference's, the measured one where there is none.
 
         Raises:
-            ConfigurationError: neither tells the distance of any sweep.
+            ConfigurationError: no sweep has either of them.
         """
         if np.isfinite(self.reference).all():
             return self.reference
@@ -146,7 +146,7 @@ class Dataset:
 
     @property
     def velocity(self) -> np.ndarray:
-        """Slope of the reference over its group, (n,) [m/s]; NaN where fewer than three readings tell it."""
+        """Slope of the reference over its group, (n,) [m/s]; NaN with fewer than three readings."""
         return self._slope[0]
 
     @property
@@ -221,7 +221,7 @@ def read_dataset(path: Path | str, pair: str | None = None, progress: Callable[[
 
     Raises:
         BagError: it cannot be read, or lacks samples or sweep settings, or has no such pair.
-        ConfigurationError: what it holds does not fit together, or its distance cannot be told.
+        ConfigurationError: what it holds does not fit together, or the distance is unknown.
     """
     with BagReader(path) as bag:
         topics = [t for t in bag.topics if split_station_topic(t)[1] == 'if_samples']
@@ -288,10 +288,10 @@ def assembled(
         conditions: of the stations that have samples, settings at least.
         stations: (first, second), or the one that hears itself.
         sweeps: of these stations with each other, in any order.
-        missing: what is already known to lack, in sentences.
+        missing: what is already known to be missing, in sentences.
 
     Raises:
-        ConfigurationError: nothing usable, what does not fit together, or a distance that cannot be told.
+        ConfigurationError: nothing usable, what does not fit together, or an unknown distance.
     """
     said = list(missing)
     of_station = _usable(path, conditions, stations, sweeps, said)
@@ -336,7 +336,7 @@ def assembled(
     )
     if any(dataset.noise_measured):
         dataset = _with_measured_noise(dataset)
-    _ = dataset.group  # says at once where the distance cannot be told
+    _ = dataset.group  # raises at once where the distance is unknown
     return dataset
 
 
@@ -468,7 +468,7 @@ def delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, 
 
 
 def _with_measured_noise(dataset: Dataset) -> Dataset:
-    """Return the dataset with measured noise floors where the calibration tells none."""
+    """Return the dataset with measured noise floors where the calibration gives none."""
     calibrations = []
     for calibration, density in zip(dataset.calibration, dataset.lines.noise_density, strict=True):
         known = density[np.isfinite(density)]

@@ -71,7 +71,7 @@ def slopes(
             continue
         value = np.sum(t * reference[rows]) / spread
         residual = reference[rows] - np.mean(reference[rows]) - value * t
-        # a reference that states too little is believed as far as its own scatter says
+        # where the reference states too small a standard deviation, its own scatter counts
         noise = max(np.sqrt(np.mean(std[rows] ** 2)), np.sqrt(np.sum(residual**2) / (len(rows) - 2)))
         slope[group == number], error[group == number] = value, noise / np.sqrt(spread)
     return slope, error

@@ -34,7 +34,7 @@ class Topology:
 
     @property
     def one_missing(self) -> bool:
-        """One station of a pair has no samples, so T_off stands in the range."""
+        """One station of a pair has no samples, so an error of T_off shifts the range."""
         return len(self.heard) < len(self.stations)
 
     @property
