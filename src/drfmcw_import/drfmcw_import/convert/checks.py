@@ -13,7 +13,7 @@ from drfmcw_physics.sweep import SweepSettings
 from ..formats.base import Numbers
 
 _KEPT = 1 << 22  # numbers kept for what needs whole sweeps
-_RAILS = (0.002, 0.005, 0.01)  # of the used range: widths of a rail, whose codes scatter
+_RAILS = (0.002, 0.005)  # of the used range: widths of a rail, whose codes scatter
 _PILED = 8.0  # times as many samples on a rail as beside it: the receiver limits there
 _STEP = 4.0  # times the mean square step within: a border between blocks
 _WRONG_SIDE = 10.0  # dB by which the wrong side band exceeds the right one
