@@ -23,7 +23,7 @@ _BATCH = 256  # sweeps written at once
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = Parser(prog='drfmcw export', description=__doc__)
+    result: argparse.ArgumentParser = Parser(prog='drfmcw export', description=__doc__)
     result.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
     result.add_argument('--out', required=True, metavar='FILE', help='.npz, .csv or .parquet: its name says the format')
     result.add_argument('--station', metavar='NAME', help='only this station')
@@ -33,7 +33,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     arguments = parser().parse_args(argv)
-    return guarded('drfmcw export', lambda: _run(arguments))
+    status: int = guarded('drfmcw export', lambda: _run(arguments))
+    return status
 
 
 def _run(arguments: argparse.Namespace) -> None:
@@ -62,7 +63,7 @@ def _atomically(out: Path, write: Callable[[IO[bytes]], int]) -> int:
     try:
         with tempfile.NamedTemporaryFile(dir=out.parent, prefix=f'.{out.name}.', delete=False) as file:
             partial = Path(file.name)
-            count = write(file)  # type: ignore[arg-type]
+            count = write(file)
         partial.chmod(0o644)
         os.replace(partial, out)
         return count
@@ -101,7 +102,11 @@ def _npz(bag: BagReader, names: Sequence[str], file: IO[bytes]) -> int:
                     scales.append(message.full_scale)
                 if shape is None:
                     np.lib.format.write_array(member, np.empty((0, 0), '<i2'))
-            for key, values, kind in (('stamp', stamps, np.int64), ('sweep_id', numbers, np.uint64), ('full_scale', scales, float)):
+            for key, values, kind in (
+                ('stamp', stamps, np.int64),
+                ('sweep_id', numbers, np.uint64),
+                ('full_scale', scales, float),
+            ):
                 with archive.open(f'{name}_{key}.npy', 'w') as member:
                     np.lib.format.write_array(member, np.array(values, kind))
             total += len(stamps)
@@ -109,7 +114,7 @@ def _npz(bag: BagReader, names: Sequence[str], file: IO[bytes]) -> int:
 
 
 def _csv(bag: BagReader, names: Sequence[str], file: IO[bytes]) -> int:
-    """Write a line per sample: station, sweep_id, stamp [ns], sample, i and q (q empty where samples are real) [LSB]."""
+    """Write a line per sample: station, sweep_id, stamp [ns], sample, i and q [LSB]; no q of real samples."""
     file.write(b'station,sweep_id,stamp,sample,i,q\n')
     total = 0
     for name in names:
@@ -133,19 +138,31 @@ def _parquet(bag: BagReader, names: Sequence[str], file: IO[bytes]) -> int:
         raise ConfigurationError(
             'writing Parquet needs the Python package pyarrow, which is not installed: export as .npz or .csv'
         ) from None
-    schema = pyarrow.schema([
-        ('station', pyarrow.string()), ('sweep_id', pyarrow.uint64()), ('stamp', pyarrow.int64()),
-        ('full_scale', pyarrow.float64()), ('iq', pyarrow.bool_()), ('samples', pyarrow.list_(pyarrow.int16())),
-    ])  # fmt: skip
+    schema = pyarrow.schema(
+        [
+            ('station', pyarrow.string()),
+            ('sweep_id', pyarrow.uint64()),
+            ('stamp', pyarrow.int64()),
+            ('full_scale', pyarrow.float64()),
+            ('iq', pyarrow.bool_()),
+            ('samples', pyarrow.list_(pyarrow.int16())),
+        ]
+    )
     total = 0
     with pyarrow.parquet.ParquetWriter(file, schema) as writer:
         rows: list[dict[str, Any]] = []
         for name in names:
             for message in messages(bag, name):
-                rows.append({
-                    'station': name, 'sweep_id': message.sweep_id, 'stamp': stamp_ns(message.header.stamp),
-                    'full_scale': message.full_scale, 'iq': message.iq, 'samples': np.asarray(message.samples),
-                })  # fmt: skip
+                rows.append(
+                    {
+                        'station': name,
+                        'sweep_id': message.sweep_id,
+                        'stamp': stamp_ns(message.header.stamp),
+                        'full_scale': message.full_scale,
+                        'iq': message.iq,
+                        'samples': np.asarray(message.samples),
+                    }
+                )
                 total += 1
                 if len(rows) >= _BATCH:
                     writer.write_table(pyarrow.Table.from_pylist(rows, schema))
@@ -155,8 +172,10 @@ def _parquet(bag: BagReader, names: Sequence[str], file: IO[bytes]) -> int:
 
 
 _WRITERS: dict[str, Callable[[BagReader, Sequence[str], IO[bytes]], int]] = {
-    '.npz': _npz, '.csv': _csv, '.parquet': _parquet,
-}  # fmt: skip
+    '.npz': _npz,
+    '.csv': _csv,
+    '.parquet': _parquet,
+}
 
 
 if __name__ == '__main__':

@@ -16,9 +16,13 @@ from .convert.recording import Imported, Importer, read_settings
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = Parser(prog='drfmcw import', description=__doc__)
-    result.add_argument('files', nargs='+', type=Path, metavar='FILE', help='of one radar at one setting, in order of time')
-    result.add_argument('--settings', required=True, metavar='FILE', help='YAML: radar, layout, samples (docs/importing.md)')
+    result: argparse.ArgumentParser = Parser(prog='drfmcw import', description=__doc__)
+    result.add_argument(
+        'files', nargs='+', type=Path, metavar='FILE', help='of one radar at one setting, in order of time'
+    )
+    result.add_argument(
+        '--settings', required=True, metavar='FILE', help='YAML: radar, layout, samples (docs/importing.md)'
+    )
     result.add_argument('--out', required=True, metavar='RECORDING', help='recording to write, a directory')
     result.add_argument('--storage', choices=list(STORAGES), default='mcap', help='storage format (mcap)')
     result.add_argument('--overwrite', action='store_true', help='replace a recording that exists')
@@ -28,7 +32,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     arguments = parser().parse_args(argv)
-    return guarded('drfmcw import', lambda: _run(arguments))
+    status: int = guarded('drfmcw import', lambda: _run(arguments))
+    return status
 
 
 def _run(arguments: argparse.Namespace) -> None:
@@ -38,9 +43,12 @@ def _run(arguments: argparse.Namespace) -> None:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task('importing', total=None)
         imported = Importer(settings, kind).run(
-            arguments.files, arguments.out, arguments.storage, arguments.overwrite,
+            arguments.files,
+            arguments.out,
+            arguments.storage,
+            arguments.overwrite,
             lambda count: bar.update(task, completed=count),
-        )  # fmt: skip
+        )
     for line in report(imported, stated, arguments.out):
         Console().print(line, highlight=False, markup=False, soft_wrap=True)
 
@@ -53,7 +61,8 @@ def report(imported: Imported, stated: Sequence[str], out: str) -> list[str]:
     lines += [f'read: {note}' for note in imported.notes]
     for sweep, found in zip(imported.settings, imported.findings, strict=True):
         lines.append(
-            f"station '{sweep.station}': {imported.sweeps} sweeps of {sweep.sample_count} {'I/Q' if imported.iq else 'real'} "
+            f"station '{sweep.station}': {imported.sweeps} sweeps of {sweep.sample_count} "
+            f'{"I/Q" if imported.iq else "real"} '
             f'samples at {sweep.sample_rate / 1e6:.6g} MS/s, {sweep.start_frequency / 1e9:.6g} GHz '
             f'{sweep.bandwidth / 1e6:+.6g} MHz in {sweep.ramp_duration * 1e6:.6g} us'
         )

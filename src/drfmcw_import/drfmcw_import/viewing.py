@@ -10,7 +10,7 @@ from drfmcw_ros.cli import Parser, guarded, write_atomically
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = Parser(prog='drfmcw view', description=__doc__)
+    result: argparse.ArgumentParser = Parser(prog='drfmcw view', description=__doc__)
     result.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
     result.add_argument('--out', metavar='FILE', help='page to write (RECORDING.html in the current directory)')
     return result
@@ -19,7 +19,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     arguments = parser().parse_args(argv)
-    return guarded('drfmcw view', lambda: _run(arguments))
+    status: int = guarded('drfmcw view', lambda: _run(arguments))
+    return status
 
 
 def _run(arguments: argparse.Namespace) -> None:

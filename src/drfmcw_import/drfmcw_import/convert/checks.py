@@ -120,11 +120,15 @@ def _codes(histogram: Numbers, full_scale: float) -> list[Finding]:
     text = f'codes {low} ... {high} ({share:.0%} of full scale {full_scale:g}), {len(used)} different'
     if step > 1:
         spare = int(np.log2(step))
-        return [Finding(
-            False,
-            f'{text}, all {step} apart: the ADC has about {spare} bits fewer: set samples: span: {step}, span_codes: 1 and '
-            f'bits: {max(1, int(np.log2(2 * full_scale)) - spare)}',
-        )]  # fmt: skip
+        return [
+            Finding(
+                False,
+                f'{text}, all {step} apart: the ADC has about {spare} bits fewer: set samples: span: {step}, '
+                'span_codes: '
+                '1 and '
+                f'bits: {max(1, int(np.log2(2 * full_scale)) - spare)}',
+            )
+        ]
     unused = span - len(used)
     if unused:
         text += f'; {unused} in between never occur'
@@ -133,11 +137,14 @@ def _codes(histogram: Numbers, full_scale: float) -> list[Finding]:
     dense = np.convolve(occurring, np.ones(33) / 33, 'same') > 20.0
     missing = int(np.sum(dense & (occurring == 0)))
     if missing > 0.1 * max(1, int(dense.sum())):
-        return [Finding(
-            False,
-            f'{text}: {missing} of {int(dense.sum())} codes never occur where their neighbours often do: the file was '
-            'scaled, or the ADC misses codes: check samples: bits, span and span_codes',
-        )]  # fmt: skip
+        return [
+            Finding(
+                False,
+                f'{text}: {missing} of {int(dense.sum())} codes never occur where their neighbours often do: the '
+                'file was '
+                'scaled, or the ADC misses codes: check samples: bits, span and span_codes',
+            )
+        ]
     return [Finding(True, text)]
 
 
@@ -149,7 +156,8 @@ def _offset(histogram: Numbers, full_scale: float) -> Finding:
     text = f'mean {mean:.1f} LSB ({mean / full_scale:+.1%} of full scale)'
     if one_sided and total > 100 and abs(mean) > full_scale / 32:
         return Finding(
-            False, f'{text}, and no code has the other sign: set samples: coding: offset_binary or signed, or other bits'
+            False,
+            f'{text}, and no code has the other sign: set samples: coding: offset_binary or signed, or other bits',
         )
     return Finding(True, text)
 
@@ -160,8 +168,10 @@ def _wrapping(kept: Numbers, full_scale: float) -> Finding:
     if share > 1e-3:
         return Finding(
             False,
-            f'{share:.1%} of the steps from sample to sample go across the whole range: negative codes seem to be read as '
-            'large ones or offset ones as signed: try samples: coding: wrapped, offset_binary or signed, or the other byte order',
+            f'{share:.1%} of the steps from sample to sample go across the whole range: negative codes seem to be '
+            'read as '
+            'large ones or offset ones as signed: try samples: coding: wrapped, offset_binary or signed, or the '
+            'other byte order',
         )
     return Finding(True, 'no jumps across the whole range')
 
@@ -186,7 +196,8 @@ def _rails(histogram: Numbers) -> Finding:
     low, high = rail_shares(histogram)
     if low + high > 1e-3:
         return Finding(
-            False, f'{low + high:.1%} of the samples stand at the rails ({low:.1%} low, {high:.1%} high): the receiver limits'
+            False,
+            f'{low + high:.1%} of the samples stand at the rails ({low:.1%} low, {high:.1%} high): the receiver limits',
         )
     return Finding(True, 'no samples pile up at the rails')
 
@@ -207,14 +218,20 @@ def _dead(statistics: Statistics, sweep: SweepSettings) -> list[Finding]:
     repeated = kept_runs(statistics.kept)
     if repeated > 0.05:
         result.append(
-            Finding(False, f'{repeated:.0%} of the samples stand in runs of eight or more equal ones: held or dead samples')
+            Finding(
+                False, f'{repeated:.0%} of the samples stand in runs of eight or more equal ones: held or dead samples'
+            )
         )
     if sweep.record_duration > sweep.ramp_duration * (1.0 + 2.0 / sweep.sample_count):
-        result.append(Finding(
-            False,
-            f'the samples cover {sweep.record_duration * 1e6:.4g} us, the ramp {sweep.ramp_duration * 1e6:.4g} us: set '
-            f'layout: sample_count: {int(sweep.ramp_duration * sweep.sample_rate)}, or correct ramp_duration or sample_rate',
-        ))  # fmt: skip
+        result.append(
+            Finding(
+                False,
+                f'the samples cover {sweep.record_duration * 1e6:.4g} us, the ramp {sweep.ramp_duration * 1e6:.4g} '
+                'us: set '
+                f'layout: sample_count: {int(sweep.ramp_duration * sweep.sample_rate)}, or correct ramp_duration or '
+                'sample_rate',
+            )
+        )
     return result or [Finding(True, 'no dead samples')]
 
 
@@ -240,15 +257,17 @@ def _block_borders(kept: Numbers) -> Finding:
         if level > 0.0 and np.min(steps[at]) > max(_STEP * level, float(np.percentile(within, 99))):
             return Finding(
                 False,
-                f'steps between blocks of {count // blocks} samples are {np.mean(steps[at]) / level:.0f} times (mean square) '
-                f'those within: a sweep seems to hold {blocks} blocks: put receiver, iq, ramp or chirp as an axis of size '
+                f'steps between blocks of {count // blocks} samples are {np.mean(steps[at]) / level:.0f} times (mean '
+                'square) '
+                f'those within: a sweep seems to hold {blocks} blocks: put receiver, iq, ramp or chirp as an axis of '
+                'size '
                 f'{blocks} before sample',
             )
     return Finding(True, 'no jumps at the borders of blocks')
 
 
 def _interleaving(spectrum: Numbers, iq: bool) -> Finding:
-    """Look for images of the strongest line at multiples of 1 / p of the sampling rate, as p interleaved sources have."""
+    """Look for images of the strongest line at multiples of 1 / p of the sampling rate: p sources."""
     count = len(spectrum)
     guard = max(3, count // 128)
     usable = spectrum.copy()
@@ -268,7 +287,8 @@ def _interleaving(spectrum: Numbers, iq: bool) -> Finding:
         if all(apart) and min(strengths) > max(10.0 * floor, usable[line] * 10 ** (-_MIRRORED / 10)):
             return Finding(
                 False,
-                f'each line has images at {period - 1} multiple(s) of 1/{period} of the sampling rate: {period} sources '
+                f'each line has images at {period - 1} multiple(s) of 1/{period} of the sampling rate: {period} '
+                'sources '
                 f'alternate sample by sample: put receiver or iq as an axis of size {period} behind sample',
             )
     return Finding(True, 'no images as of sources that alternate sample by sample')
@@ -290,7 +310,8 @@ def _sides(spectrum: Numbers, sweep: SweepSettings) -> Finding:
     if ratio > _WRONG_SIDE:
         return Finding(
             False,
-            f'the strongest line stands {ratio:.1f} dB above its image on the wrong side for a {ramp} ramp: set layout: '
+            f'the strongest line stands {ratio:.1f} dB above its image on the wrong side for a {ramp} ramp: set '
+            'layout: '
             'swap_iq: true, or the other radar: ramp',
         )
     return Finding(
@@ -318,5 +339,7 @@ def _line(spectrum: Numbers, sweep: SweepSettings, iq: bool) -> list[Finding]:
         f'{abs(frequency / sweep.chirp_rate) * 1e9:.4g} ns or a target at {distance:.4g} m'
     )
     if abs(bins) > 0.48 * count:
-        return [Finding(False, f'{text}: at the Nyquist frequency; samples of two sources may alternate, or a sign does')]
+        return [
+            Finding(False, f'{text}: at the Nyquist frequency; samples of two sources may alternate, or a sign does')
+        ]
     return [Finding(True, text)]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
@@ -73,12 +74,13 @@ class Coder:
         else:
             advice = 'set coding: signed' if low < 0 else f'set bits: {needed}'
         raise ConfigurationError(
-            f'{name}: numbers from {low} to {high} are beyond the codes {first} ... {last} of samples: bits = {self.bits}, '
+            f'{name}: numbers from {low} to {high} are beyond the codes {first} ... {last} of samples: bits = '
+            f'{self.bits}, '
             f'coding = {self.coding}: {advice}'
         )
 
 
-def coder(settings: SampleSettings, dtype: np.dtype) -> Coder:  # type: ignore[type-arg]
+def coder(settings: SampleSettings, dtype: Any) -> Coder:
     """Return what turns numbers of a type into codes.
 
     Args:

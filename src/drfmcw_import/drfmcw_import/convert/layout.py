@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class Layout:
         return block.transpose(order).reshape(merged[0] * merged[1], *merged[2:])
 
 
-def is_complex(dtype: np.dtype) -> bool:  # type: ignore[type-arg]
+def is_complex(dtype: Any) -> bool:
     """Return True for complex numbers and structures of two numbers."""
     dtype = np.dtype(dtype)
     return dtype.kind == 'c' or (dtype.names is not None and len(dtype.names) == 2)
@@ -83,7 +84,8 @@ def lay_out(source: Source, settings: LayoutSettings) -> Layout:
     if len(array.shape) != len(axes):
         listed = 'x'.join(map(str, source.array.shape))
         raise ConfigurationError(
-            f'{name}: is an array of {listed}, which needs {len(source.array.shape)} axes, not {list(axes)}: set layout: '
+            f'{name}: is an array of {listed}, which needs {len(source.array.shape)} axes, not {list(axes)}: set '
+            'layout: '
             'axes, and shape where the file does not state the sizes'
         )
     layout = Layout(array, tuple(axes), name)
@@ -101,7 +103,9 @@ def _check(layout: Layout, settings: LayoutSettings) -> None:
         raise ConfigurationError(f'{name}: layout: the axis ramp has size {sizes["ramp"]}, not 2 (up, down)')
     for axis, chosen in (('receiver', settings.receiver), ('transmitter', settings.transmitter)):
         if chosen >= sizes[axis]:
-            raise ConfigurationError(f'{name}: layout: {axis} = {chosen}, but the file has {sizes[axis]} (0 is the first)')
+            raise ConfigurationError(
+                f'{name}: layout: {axis} = {chosen}, but the file has {sizes[axis]} (0 is the first)'
+            )
     if math.prod(layout.array.shape) == 0:
         raise ConfigurationError(f'{name}: holds no samples')
 
@@ -125,11 +129,14 @@ def _reshaped(array: Array, settings: LayoutSettings, name: str) -> Array:
     used = total if free is None else total // inner * inner
     if used != total and not (settings.drop_incomplete and free == 0):
         raise ConfigurationError(
-            f'{name}: {total} numbers are no multiple of {inner} (layout: shape = {shape}): {total - used} are left over; '
+            f'{name}: {total} numbers are no multiple of {inner} (layout: shape = {shape}): {total - used} are left '
+            'over; '
             'correct the shape, or set drop_incomplete: true'
         )
     if used == 0:
-        raise ConfigurationError(f'{name}: holds {total} numbers, fewer than the {inner} of one layout: shape = {shape}')
+        raise ConfigurationError(
+            f'{name}: holds {total} numbers, fewer than the {inner} of one layout: shape = {shape}'
+        )
     if free is not None:
         shape[free] = used // inner
     return _flat(array)[:used].reshape(shape)

@@ -49,7 +49,9 @@ def read_settings(path: Path | str, files: Sequence[Path]) -> tuple[ImportSettin
         settings: ImportSettings = from_mapping(ImportSettings, whole, str(path))
     except ConfigurationError as error:
         text = str(error)
-        raise ConfigurationError(text if text.startswith((str(path), *map(str, files))) else f'{path}: {text}') from None
+        raise ConfigurationError(
+            text if text.startswith((str(path), *map(str, files))) else f'{path}: {text}'
+        ) from None
     return settings, chosen, notes
 
 
@@ -68,13 +70,17 @@ class Importer:
         self._notes: list[str] = []
 
     def run(
-        self, files: Sequence[Path], out: Path | str, storage: str = 'mcap', overwrite: bool = False,
+        self,
+        files: Sequence[Path],
+        out: Path | str,
+        storage: str = 'mcap',
+        overwrite: bool = False,
         progress: Callable[[int], None] | None = None,
-    ) -> Imported:  # fmt: skip
+    ) -> Imported:
         """Write the recording; `progress` is called with the number of sweeps so far.
 
         Raises:
-            ConfigurationError: files, settings and data do not fit, or the recording cannot be written; nothing is left.
+            ConfigurationError: files, settings and data do not fit, or the recording cannot be written.
         """
         with BagWriter(out, storage, overwrite) as bag:
             begin = 0.0
@@ -101,7 +107,9 @@ class Importer:
         if self._coder is None:
             self._coder = coder(self._settings.samples, layout.array.dtype)
             if self._coder.shift:
-                self._notes.append(f'the lowest {self._coder.shift} of {self._coder.bits} bits are left out: samples have 16')
+                self._notes.append(
+                    f'the lowest {self._coder.shift} of {self._coder.bits} bits are left out: samples have 16'
+                )
         done = 0
         for block in layout.blocks():
             codes = self._chosen(self._coder, block, source.name)
@@ -131,17 +139,22 @@ class Importer:
             raise ConfigurationError(f'{name}: layout: has an axis ramp, but radar: ramp is not triangle')
         if codes.shape[-1] == 2 and chosen.swap_iq:
             codes = codes[..., ::-1]
-        return codes[:, :, sample_slice(chosen, codes.shape[2], name)]
+        kept: Numbers = codes[:, :, sample_slice(chosen, codes.shape[2], name)]
+        return kept
 
     def _start(self, codes: Numbers, bag: BagWriter, name: str) -> None:
         """Write settings and calibration before the first sweep; refuse files of different sweeps."""
         count, iq = codes.shape[2], codes.shape[3] == 2
         if self._sweeps:
             if (count, iq) != (self._sweeps[0].sample_count, self._iq):
-                raise ConfigurationError(f'{name}: its sweeps have {count} samples, those before {self._sweeps[0].sample_count}')
+                raise ConfigurationError(
+                    f'{name}: its sweeps have {count} samples, those before {self._sweeps[0].sample_count}'
+                )
             return
         if count < 16:
-            raise ConfigurationError(f'{name}: sweeps of {count} samples are too short, at least 16 are needed: check layout')
+            raise ConfigurationError(
+                f'{name}: sweeps of {count} samples are too short, at least 16 are needed: check layout'
+            )
         self._iq = iq
         radar = self._settings.radar
         skipped = self._settings.layout.skip_samples / radar.sample_rate
@@ -165,9 +178,14 @@ class Importer:
             for ramp, sweep in enumerate(self._sweeps):
                 stamp = start + round((float(time) + later[ramp]) * _SECOND)
                 message = types[kind](
-                    header=_header(stamp, sweep.station), station=sweep.station, peer=sweep.peer, sweep_id=self._count,
-                    full_scale=self._coder.full_scale, iq=bool(self._iq), samples=np.ascontiguousarray(row[ramp]).reshape(-1),
-                )  # fmt: skip
+                    header=_header(stamp, sweep.station),
+                    station=sweep.station,
+                    peer=sweep.peer,
+                    sweep_id=self._count,
+                    full_scale=self._coder.full_scale,
+                    iq=bool(self._iq),
+                    samples=np.ascontiguousarray(row[ramp]).reshape(-1),
+                )
                 bag.write(f'/{sweep.station}/if_samples', kind, stamp, message)
             self._count += 1
 

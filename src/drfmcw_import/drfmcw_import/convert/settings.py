@@ -33,21 +33,33 @@ class RadarSettings:
         'up', choices=('up', 'down', 'triangle'), description='triangle: up, then down, as two stations of a recording'
     )
     down_duration: float = parameter(
-        math.nan, unit='s', bounds=(1e-6, 100.0), nan_means='as `ramp_duration`', description="of a triangle's second ramp"
+        math.nan,
+        unit='s',
+        bounds=(1e-6, 100.0),
+        nan_means='as `ramp_duration`',
+        description="of a triangle's second ramp",
     )
     first_sample: float = parameter(
         0.0, unit='s', bounds=(0.0, 100.0), description='instant of the first sample after the start of its ramp'
     )
     repetition_time: float = parameter(
-        math.nan, unit='s', bounds=(1e-6, 1e5), nan_means='one ramp after the other',
+        math.nan,
+        unit='s',
+        bounds=(1e-6, 1e5),
+        nan_means='one ramp after the other',
         description='between the starts of successive chirps (of one transmitter)',
-    )  # fmt: skip
+    )
     frame_time: float = parameter(
-        math.nan, unit='s', bounds=(1e-6, 1e6), nan_means='one frame after the other',
+        math.nan,
+        unit='s',
+        bounds=(1e-6, 1e6),
+        nan_means='one frame after the other',
         description='between the starts of successive frames',
-    )  # fmt: skip
+    )
     start_time: str = parameter('', description='of the first sweep, UTC, as 2024-05-31T12:00:00; empty: not known')
-    delay: float = parameter(0.0, unit='s', bounds=(-1e-3, 1e-3), description="calibrated delay of the radar's own path")
+    delay: float = parameter(
+        0.0, unit='s', bounds=(-1e-3, 1e-3), description="calibrated delay of the radar's own path"
+    )
     station: str = parameter('radar', description='name of the station in the recording')
     up_station: str = parameter('up', description="name of the station of a triangle's rising ramps")
     down_station: str = parameter('down', description="name of the station of a triangle's falling ramps")
@@ -121,10 +133,11 @@ class LayoutSettings:
     """How the samples lie in the file."""
 
     axes: list[str] = parameter(
-        [], choices=AXES,
+        [],
+        choices=AXES,
         description='what each axis counts, the slowest first; one that is split stands twice; empty: `[sample]`, '
         '`[chirp, sample]`',
-    )  # fmt: skip
+    )
     shape: list[int] = parameter(
         [], bounds=(-1, 1e12), description='sizes of the axes where the file has not as many; -1 once: what is left'
     )
@@ -132,7 +145,9 @@ class LayoutSettings:
     average: bool = parameter(False, description='average all receivers instead (rounded to whole codes)')
     transmitter: int = parameter(0, bounds=(0, 1023), description='transmitter to take, counted from 0')
     skip_samples: int = parameter(
-        0, bounds=(0, 1e9), description='samples to leave out at the beginning of each sweep; the ramp starts later then'
+        0,
+        bounds=(0, 1e9),
+        description='samples to leave out at the beginning of each sweep; the ramp starts later then',
     )
     sample_count: int = parameter(0, bounds=(0, 1 << 24), description='samples to keep of each sweep; 0: all')
     swap_iq: bool = parameter(False, description='Q stands before I')
@@ -156,14 +171,17 @@ class SampleSettings:
 
     bits: int = parameter(0, bounds=(0, 32), description="of the ADC; 0: those of the file's integers, 16 for floats")
     coding: str = parameter(
-        'auto', choices=('auto', 'signed', 'offset_binary', 'wrapped'),
+        'auto',
+        choices=('auto', 'signed', 'offset_binary', 'wrapped'),
         description='offset_binary: mid-scale is 2^(bits - 1); wrapped: negative codes have 2^bits added; auto: signed '
         'for signed integers and floats, offset_binary for unsigned ones',
-    )  # fmt: skip
+    )
     span: float = parameter(
-        math.nan, bounds=(1e-12, 1e12), nan_means='they are codes',
+        math.nan,
+        bounds=(1e-12, 1e12),
+        nan_means='they are codes',
         description='difference of two numbers in the file that is `span_codes` codes: of volts, or of 0..1',
-    )  # fmt: skip
+    )
     span_codes: float = parameter(
         math.nan, bounds=(1e-12, 1e12), nan_means='2^bits', description='codes that `span` covers'
     )

@@ -46,7 +46,11 @@ class Burst:
     def shape(self) -> tuple[int, int, int]:
         """(chirps, settings that alternate: antennas times attenuators, samples)."""
         settings = self.count('TxAnt') * self.count('RxAnt') * int(self.value('nAttenuators', default=1))
-        return int(self.value('NSubBursts', 'SubBursts in burst')), settings, int(self.value('N_ADC_SAMPLES', 'Samples'))
+        return (
+            int(self.value('NSubBursts', 'SubBursts in burst')),
+            settings,
+            int(self.value('N_ADC_SAMPLES', 'Samples')),
+        )
 
 
 def read_bursts(path: Path) -> list[Burst]:
@@ -55,7 +59,7 @@ def read_bursts(path: Path) -> list[Burst]:
     Raises:
         ConfigurationError: it cannot be read, is truncated or no ApRES file, or its samples are averages.
     """
-    bursts = []
+    bursts: list[Burst] = []
     try:
         size = path.stat().st_size
         with open(path, 'rb') as file:
@@ -75,8 +79,12 @@ def read_bursts(path: Path) -> list[Burst]:
                 end += len(head[end : end + 2]) - len(head[end : end + 2].lstrip(b'\r\n'))
                 burst = Burst(header, position + end)
                 if burst.value('Average', default=0):
-                    raise ConfigurationError(f'{path}: the radar stored averages of chirps (Average=1 or 2), not chirps')
-                if not all(np.isfinite([burst.value('NSubBursts', 'SubBursts in burst'), burst.value('N_ADC_SAMPLES')])):
+                    raise ConfigurationError(
+                        f'{path}: the radar stored averages of chirps (Average=1 or 2), not chirps'
+                    )
+                if not all(
+                    np.isfinite([burst.value('NSubBursts', 'SubBursts in burst'), burst.value('N_ADC_SAMPLES')])
+                ):
                     raise ConfigurationError(f'{path}: its header lacks NSubBursts or N_ADC_SAMPLES')
                 position = burst.offset + 2 * int(np.prod(burst.shape))
                 if position > size:
@@ -154,5 +162,9 @@ class ApresFormat(Format):
             if len({b.shape for b in bursts}) > 1:
                 raise ConfigurationError(f'{path}: its bursts differ in size: {sorted({b.shape for b in bursts})}')
             settings = bursts[0].shape[1]
-            notes = (f'each chirp was taken with {settings} settings; layout: transmitter chooses one',) if settings > 1 else ()
+            notes = (
+                (f'each chirp was taken with {settings} settings; layout: transmitter chooses one',)
+                if settings > 1
+                else ()
+            )
             yield Source(Bursts(path, tuple(bursts)), str(path), notes=notes)

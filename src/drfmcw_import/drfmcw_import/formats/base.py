@@ -156,5 +156,5 @@ def largest_array(arrays: dict[str, tuple[int, ...]], wanted: str, path: Path) -
         return wanted
     if len(arrays) > 1:
         listed = ', '.join(f'{name} {"x".join(map(str, shape))}' for name, shape in arrays.items())
-        raise ConfigurationError(f"{path}: holds several arrays, set options: array to one of them: {listed}")
+        raise ConfigurationError(f'{path}: holds several arrays, set options: array to one of them: {listed}')
     return next(iter(arrays))

@@ -16,9 +16,11 @@ class Dca1000Options:
     """Options of DCA1000 captures."""
 
     lanes: int = parameter(
-        4, bounds=(2, 4), description='LVDS lanes: 4 for xWR12xx and xWR14xx (receivers alternate sample by sample), '
+        4,
+        bounds=(2, 4),
+        description='LVDS lanes: 4 for xWR12xx and xWR14xx (receivers alternate sample by sample), '
         '2 for xWR16xx, xWR18xx and xWR68xx (receiver after receiver, two I then two Q)',
-    )  # fmt: skip
+    )
     receivers: int = parameter(4, bounds=(1, 4), description='receivers switched on')
     samples: int = parameter(256, bounds=(16, 65536), description='ADC samples of one chirp')
     chirps: int = parameter(0, bounds=(0, 65536), description='chirps of one frame and transmitter; 0: no frames')

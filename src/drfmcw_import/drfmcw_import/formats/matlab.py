@@ -61,14 +61,18 @@ class MatlabFormat(Format):
                 raise ConfigurationError(f'{path}: {error.strerror}') from None
             if _HDF5 in start:
                 with opened(path) as content:
-                    key = largest_array({k: v.shape[::-1] for k, v in datasets(content).items()}, self.chosen.array, path)
+                    key = largest_array(
+                        {k: v.shape[::-1] for k, v in datasets(content).items()}, self.chosen.array, path
+                    )
                     yield Source(Reversed(content[key]), f'{path}: {key}')
             else:
                 yield self._version_5(path)
 
     def _version_5(self, path: Path) -> Source:
         try:
-            shapes = {name: shape for name, shape, kind in scipy.io.whosmat(path) if kind not in ('cell', 'struct', 'char')}
+            shapes = {
+                name: shape for name, shape, kind in scipy.io.whosmat(path) if kind not in ('cell', 'struct', 'char')
+            }
             key = largest_array(shapes, self.chosen.array, path)
             array: Array = scipy.io.loadmat(path, variable_names=[key])[key]
         except ConfigurationError:

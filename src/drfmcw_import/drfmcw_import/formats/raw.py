@@ -41,7 +41,9 @@ def mapped(path: Path, dtype: Any, header_bytes: int = 0, columns: int = 0) -> N
     if size <= 0:
         raise ConfigurationError(f'{path}: holds nothing behind its first {header_bytes} bytes')
     if size % row:
-        raise ConfigurationError(f'{path}: {size} bytes are no multiple of {row}, the size of one row of {dtype} numbers')
+        raise ConfigurationError(
+            f'{path}: {size} bytes are no multiple of {row}, the size of one row of {dtype} numbers'
+        )
     shape = (size // row, columns) if columns else (size // row,)
     try:
         return np.memmap(path, dtype, 'r', header_bytes, shape)

@@ -28,9 +28,12 @@ class WavOptions:
         [], bounds=(0, 63), description='channels of the IF (two for I and Q); empty: all but the sync channel'
     )
     sweep_duration: float = parameter(
-        float('nan'), unit='s', bounds=(1e-6, 1e3), nan_means='to the next edge',
+        float('nan'),
+        unit='s',
+        bounds=(1e-6, 1e3),
+        nan_means='to the next edge',
         description='how much is cut out after each edge',
-    )  # fmt: skip
+    )
 
 
 class WavFile:
@@ -144,7 +147,7 @@ def edges(file: WavFile, channel: int, rising: bool) -> Numbers:
 
 
 class WavFormat(Format):
-    """Sweeps are cut at the edges of the sync channel, at the first sample behind each; the IF is read piece by piece."""
+    """Sweeps are cut at the edges of the sync channel, at the first sample behind each, and read piece by piece."""
 
     name = 'wav'
     title = 'WAV `.wav`, with a sync channel'
@@ -194,9 +197,11 @@ class WavFormat(Format):
             whole_ones = starts + length <= file.frames
             starts, found = starts[whole_ones], found[whole_ones]
             yield Source(
-                CutSweeps(file, starts, length, channels), str(path), (found - found[0]) / file.rate,
+                CutSweeps(file, starts, length, channels),
+                str(path),
+                (found - found[0]) / file.rate,
                 (self._regularity(sync, found, starts, file.rate),),
-            )  # fmt: skip
+            )
 
     def _regularity(self, channel: int, found: Numbers, starts: Numbers, rate: float) -> str:
         period = float(np.median(np.diff(found)))

@@ -27,7 +27,7 @@ def _arrays(group: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:
 
 
 class ZarrFormat(Format):
-    """A directory, as xapres writes it for ApRES; versions 2 and 3 of the format, as the installed library reads them."""
+    """A directory, as xapres writes it for ApRES; versions 2 and 3, as the installed library reads them."""
 
     name = 'zarr'
     title = 'zarr `.zarr`'
@@ -42,7 +42,7 @@ class ZarrFormat(Format):
             except ImportError:
                 raise missing_library(path, 'zarr') from None
             try:
-                content = zarr.open(str(path), mode='r')
+                content: Any = zarr.open(str(path), mode='r')
             except Exception as error:  # zarr raises what its store, codecs and metadata meet
                 raise ConfigurationError(f'{path}: no zarr store ({error})') from None
             if hasattr(content, 'shape'):

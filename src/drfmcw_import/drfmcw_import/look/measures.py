@@ -126,30 +126,35 @@ def marks(spectrum: Spectrum, sweep: SweepSettings, iq: bool) -> list[Mark]:
     return found
 
 
-def spectrogram(data: StationSweeps, run: slice) -> tuple[Numbers, Numbers, Numbers]:
-    """Return (times [s], frequencies [Hz], level [dBFS]) of the mean short-time spectrum of the run."""
+def spectrogram(data: StationSweeps, run: slice, longest: float = 0.0) -> tuple[Numbers, Numbers, Numbers]:
+    """Return (times [s], frequencies [Hz], level [dBFS]) of the mean short-time spectrum of the run.
+
+    Args:
+        data: the sweeps.
+        run: which of them.
+        longest: window to use where it is longer than three times the root of the sweep's samples [s].
+    """
     signal = data.signal[run]
     signal = signal - signal.mean(axis=1, keepdims=True)
     count, rate = signal.shape[1], data.sweep.sample_rate
-    length = int(min(max(16, 2 ** round(np.log2(4.0 * np.sqrt(count)))), count // 2))
+    length = int(min(max(16, 2 ** round(np.log2(3.0 * np.sqrt(count))), longest * rate), count // 4))
     hop = max(1, (count - length) // _FRAMES)
     starts = np.arange(0, count - length + 1, hop)
-    padded = max(128, length)
+    padded = max(128, 2 * length)
     window = _window(length)
-    power = 0.0
+    power: Numbers = np.zeros(1)
     for row in signal:
         pieces = np.lib.stride_tricks.sliding_window_view(row, length)[starts] * (window / window.sum())
         bins = np.fft.fftshift(np.fft.fft(pieces, padded), axes=1) if data.iq else 2.0 * np.fft.rfft(pieces, padded)
         power = power + np.abs(bins) ** 2
-    level = decibels(np.asarray(power) / len(signal))
-    return (starts + (length - 1) / 2) / rate, _frequencies(padded, rate, data.iq), level.T
+    return (starts + (length - 1) / 2) / rate, _frequencies(padded, rate, data.iq), decibels(power / len(signal)).T
 
 
 def ramp_course(data: StationSweeps, run: slice, line: float) -> RampCourse | None:
     """Return the beat frequency over ramp time, None where the line has too few turns.
 
-    Samples are mixed down by the line, filtered by a Hann window of two to three turns or a sixteenth of the sweep,
-    whichever is longer; the advance of phase, summed over the sweeps of the run, is the frequency.
+    Samples are mixed down by the line, filtered by a Hann window of four turns (two of an I/Q line) or a twelfth of the
+    sweep, whichever is longer; the advance of phase, summed over the sweeps of the run, is the frequency.
     """
     signal, rate = data.signal[run], data.sweep.sample_rate
     signal = signal - signal.mean(axis=1, keepdims=True)
@@ -157,7 +162,7 @@ def ramp_course(data: StationSweeps, run: slice, line: float) -> RampCourse | No
     turns = abs(line) * count / rate
     if turns < 4.0:
         return None
-    length = int(min(max(count / 16, (1.0 if data.iq else 2.5) * count / turns, 6), count / 3))
+    length = int(min(max(count / 12, (2.0 if data.iq else 4.0) * count / turns, 6), count / 3))
     instants = np.arange(count)
     mixed = signal * np.exp(-2j * np.pi * line / rate * instants)
     window = _window(length) / _window(length).sum()

@@ -8,6 +8,7 @@ import jinja2
 import numpy as np
 
 from drfmcw_fusion.offline import Replay, replay_recording
+from drfmcw_fusion.statistics import reference_at
 from drfmcw_node.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
@@ -63,11 +64,11 @@ def render(path: Path | str) -> str:
     data = read_sweeps(path)
     sections = tuple(map(_section, data))
     names = ' and '.join(s.name for s in sections)
-    itself = all(d.sweep.hears_itself for d in data)
+    itself = ', which hears itself' if len(data) == 1 and data[0].sweep.hears_itself else ''
     warnings = [(s.name, f.sentence) for s in sections for f in s.findings if not f.agrees]
     return _ENVIRONMENT.get_template('view.html').render(
         name=Path(path).resolve().name,
-        headline=f'{names}: {"hears itself" if len(data) == 1 and itself else f"{len(data)} stations"}',
+        headline=f'Station{"s" if len(data) > 1 else ""} {names}{itself}',
         sections=sections,
         warnings=warnings,
         ranges=_ranges(path),
@@ -78,16 +79,14 @@ def _uri(png: bytes) -> str:
     return f'data:image/png;base64,{base64.b64encode(png).decode()}'
 
 
-def _engineering(value: float, unit: tuple[float, str]) -> str:
-    return f'{value / unit[0]:.5g} {unit[1]}'
+def _hertz(value: float, digits: int = 5) -> str:
+    factor, unit = plots.frequency_unit(abs(value))
+    return f'{value / factor:.{digits}g} {unit}'
 
 
-def _hertz(value: float) -> str:
-    return _engineering(value, plots.frequency_unit(abs(value)))
-
-
-def _seconds(value: float) -> str:
-    return _engineering(value, plots.time_unit(value))
+def _seconds(value: float, digits: int = 5) -> str:
+    factor, unit = plots.time_unit(value)
+    return f'{value / factor:.{digits}g} {unit}'
 
 
 def _section(data: StationSweeps) -> Section:
@@ -107,7 +106,8 @@ def _summary(data: StationSweeps) -> str:
     peer = 'its own signal' if sweep.hears_itself else f"station '{sweep.peer}'"
     text = (
         f'Listens to {peer}. The ramp starts at {sweep.start_frequency / 1e9:.6g} GHz and '
-        f'{"rises" if sweep.bandwidth > 0 else "falls"} by {_hertz(abs(sweep.bandwidth))} in {_seconds(sweep.ramp_duration)}; '
+        f'{"rises" if sweep.bandwidth > 0 else "falls"} by {_hertz(abs(sweep.bandwidth))} in '
+        f'{_seconds(sweep.ramp_duration)}; '
         f'{sweep.sample_count} {"I/Q" if data.iq else "real"} samples at {_hertz(sweep.sample_rate)} cover '
         f'{_seconds(sweep.record_duration)}.'
     )
@@ -124,20 +124,24 @@ def _summary(data: StationSweeps) -> str:
 def _tiles(data: StationSweeps, spectrum: measures.Spectrum) -> tuple[Tile, ...]:
     sweep = data.sweep
     used = max(abs(int(data.samples.min())), abs(int(data.samples.max()))) / data.full_scale
-    resolution = SPEED_OF_LIGHT / abs(sweep.bandwidth) / (2.0 if sweep.hears_itself else 1.0)
+    snr = spectrum.level - spectrum.floor
+    resolution = SPEED_OF_LIGHT / abs(sweep.bandwidth)
     tiles = [
         Tile('sweeps', str(data.recorded), f'of {_seconds(float(data.time[-1]) or sweep.record_duration)}'),
-        Tile('strongest line', _hertz(spectrum.line), f'{spectrum.level:.1f} dBFS, {spectrum.level - spectrum.floor:.0f} dB '
-             'above the median of the spectrum'),
+        Tile('strongest line', _hertz(spectrum.line), f'{spectrum.level:.1f} dBFS, {snr:.0f} dB above the median'),
         Tile('largest sample', f'{used:.0%}', f'of full scale, {data.full_scale:g} LSB'),
-        Tile('resolution', f'{resolution:.3g} m', 'speed of light over ' + ('twice ' if sweep.hears_itself else '')
-             + 'the bandwidth'),
-    ]  # fmt: skip
+        Tile('resolution', f'{resolution:.3g} m', 'of path: speed of light over the bandwidth'),
+    ]
     if sweep.hears_itself:
         delay = abs(spectrum.line / sweep.chirp_rate)
-        tiles.insert(2, Tile(
-            'that line means', f'{delay * 1e9:.5g} ns', f'of delay: a target at {delay * SPEED_OF_LIGHT / 2:.4g} m in air',
-        ))  # fmt: skip
+        tiles.insert(
+            2,
+            Tile(
+                'delay of that line',
+                f'{delay * 1e9:.5g} ns',
+                f'{delay * SPEED_OF_LIGHT:.4g} m of path in air, a target at half of it',
+            ),
+        )
     return tuple(tiles)
 
 
@@ -148,53 +152,87 @@ def _checked(data: StationSweeps) -> list[Finding]:
 
 
 def _panels(data: StationSweeps, run: slice, spectrum: measures.Spectrum) -> list[Panel]:
-    count = run.stop - run.start
-    which = f'sweeps {run.start} to {run.stop - 1}' if count > 1 else f'sweep {run.start}'
-    several = count < len(data.samples)
+    several = run.stop - run.start < len(data.samples)
+    which = _which(run, len(data.samples))
     sweep = data.sweep
-    whole = len(data.samples)
-    look = 'Curves that drift from sweep to sweep move; what stands upright repeats with the ramp.' if whole > 2 else (
-        'One curve per sweep.'
-    )  # fmt: skip
+    low = plots.is_low(spectrum.line, sweep.sample_rate / 2)
+    pictures = [measures.spectrogram(data, run)]
+    if low:
+        pictures.append(measures.spectrogram(data, run, 3.0 / abs(spectrum.line)))
+    beside = ' Right: low frequencies, with a longer window.' if low else ''
+    over_ramp = (
+        f'Short-time spectra over ramp time{which}. A straight ramp and a fixed delay give horizontal lines; a bent '
+        'ramp '
+        f'bends all of them in proportion to their delays.{beside}'
+    )
+    codes = (
+        'How often each code occurs. Peaks at the ends mean limiting, gaps mean missing codes or scaled samples. '
+        'Dashed: '
+        'full scale, where it is within the picture.'
+    )
+    marks = measures.marks(spectrum, sweep, data.iq)
     panels = [
-        Panel('IF over ramp time and sweep', f'{"The I part of each" if data.iq else "Each"} sweep as the ADC gave it. {look}',
-              _uri(plots.samples(data))),
-        Panel('Spectrogram', f'Short-time spectra over ramp time, averaged over {which}. A straight ramp and a fixed delay '
-              'give horizontal lines; a bent ramp bends all of them in proportion to their delays.',
-              _uri(plots.spectrogram(*measures.spectrogram(data, run), sweep.record_duration))),
-        Panel('Averaged spectrum', _spectrum_note(data, which, several),
-              _uri(plots.spectrum(spectrum, measures.marks(spectrum, sweep, data.iq), several))),
-    ]  # fmt: skip
-    course = measures.ramp_course(data, run, spectrum.line)
-    title = 'Beat frequency over ramp time'
-    if course is None:
-        panels.append(Panel(title, 'The strongest line makes fewer than four turns in a sweep: too few to follow it.'))
-    else:
-        wander = float(np.std(course.frequency)) / abs(course.straight)
-        panels.append(Panel(
-            title, f'The strongest line followed along the ramp over {which} (filtered over {_seconds(course.width)}). '
-            f'It wanders by {wander:.2%} rms about the straight line that the nominal ramp predicts; other lines within '
-            f'{_hertz(1.0 / course.width)} add ripple.',
-            _uri(plots.course(course, sweep.record_duration)),
-        ))  # fmt: skip
+        Panel('IF over ramp time and sweep', _samples_note(data), _uri(plots.samples(data, spectrum.line))),
+        Panel('Spectrogram', over_ramp, _uri(plots.spectrogram(pictures, sweep.record_duration, spectrum.line))),
+        Panel(
+            'Averaged spectrum',
+            _spectrum_note(data, which, several, low),
+            _uri(plots.spectrum(spectrum, marks, several)),
+        ),
+        _course_panel(data, run, spectrum.line, which),
+        Panel('Codes of the ADC', codes, _uri(plots.histogram(data))),
+    ]
     total, line = measures.sweep_powers(data)
-    panels += [
-        Panel('Codes of the ADC', 'How often each code occurs. Peaks at the ends mean limiting, gaps mean missing codes or '
-              'scaled samples. Dashed: full scale, where it is within the picture.', _uri(plots.histogram(data))),
-        Panel('Power over sweeps', 'Power of each sweep without its mean, and of its strongest line; a sine at full scale '
-              'has 0 dBFS.', _uri(plots.power(data, total, line))),
-    ]  # fmt: skip
+    note = 'Power of each sweep without its mean, and of its strongest line; a sine at full scale has 0 dBFS.'
+    if len(total) > 2:
+        panels.append(Panel('Power over sweeps', note, _uri(plots.power(data, total, line))))
+    else:
+        panels.append(Panel('Power', f'{note} Here: {total[0]:.2f} dBFS, {line[0]:.2f} dBFS.'))
     return panels
 
 
-def _spectrum_note(data: StationSweeps, which: str, several: bool) -> str:
-    image = ', "image" where an I/Q imbalance would mirror it' if data.iq else ''
-    text = (
-        f'Hann window. Dark: mean over {which}, in which the strongest line keeps its position'
-        f'{"; pale: mean over all sweeps" if several else ""}. Marked: 0 Hz, Nyquist, the strongest line{image}, '
-        '2× and 3× its harmonics (folded where they pass Nyquist). Dotted: median.'
+def _which(run: slice, count: int) -> str:
+    if count == 1:
+        return ''
+    return (
+        f', averaged over sweeps {run.start} to {run.stop - 1}'
+        if run.stop - run.start > 1
+        else f' of sweep {run.start}'
     )
-    return text
+
+
+def _samples_note(data: StationSweeps) -> str:
+    part = 'The I part of each sweep' if data.iq else 'Each sweep'
+    if len(data.samples) < 3:
+        return f'{part} as the ADC gave it.'
+    return (
+        f'{part} as the ADC gave it. What stands upright repeats with the ramp; what leans moves from sweep to sweep.'
+    )
+
+
+def _course_panel(data: StationSweeps, run: slice, line: float, which: str) -> Panel:
+    title = 'Beat frequency over ramp time'
+    course = measures.ramp_course(data, run, line)
+    if course is None:
+        return Panel(title, 'The strongest line makes fewer than four turns in a sweep: too few to follow it.')
+    wander = float(np.std(course.frequency)) / abs(course.straight)
+    note = (
+        f'The strongest line followed along the ramp{which} (filtered over {_seconds(course.width, 2)}). It wanders by '
+        f'{wander:.2g} of its frequency (rms) about the straight line that the nominal ramp predicts. Other lines '
+        'within '
+        f'{_hertz(1.0 / course.width, 2)} add ripple, and where the line fades its frequency jumps.'
+    )
+    return Panel(title, note, _uri(plots.course(course, data.sweep.record_duration)))
+
+
+def _spectrum_note(data: StationSweeps, which: str, several: bool, low: bool) -> str:
+    image = ', its image (where an I/Q imbalance would mirror it)' if data.iq else ''
+    rest = ', in which the strongest line keeps its position; pale: all sweeps' if several else ''
+    return (
+        f'Hann window{which}{rest}. Marked: 0 Hz, Nyquist, the strongest line{image}, and 2× and 3×, its harmonics, '
+        'folded '
+        f'where they pass Nyquist. Dotted: median.{" Right: low frequencies enlarged." if low else ""}'
+    )
 
 
 def _ranges(path: Path | str) -> list[Panel]:
@@ -220,15 +258,20 @@ def _range_panel(replay: Replay, pair: tuple[str, str]) -> Panel:
     if not finite.any():
         return Panel(f'Range over time: {name}', f'None of {len(own)} sweeps gave a range.')
     std = np.where(np.isfinite(std), std, 0.0)
-    reference = replay.reference.of('/'.join(pair))
+    reference = reference_at(replay.reference.of('/'.join(pair)), stamps)
     time = (stamps - stamps[0]) * 1e-9
-    at = (reference.stamps - stamps[0]) * 1e-9
     note = (
-        f'Estimator `ml`, each sweep by itself, calibration and weather applied as far as recorded: {int(finite.sum())} of '
-        f'{len(own)} sweeps, median {np.median(distance[finite]):.4f} m, median stated standard deviation '
-        f'{np.median(std[finite]) * 1e3:.3g} mm. It takes the strongest line for the target and the ramp for straight.'
+        f'Maximum-likelihood estimator, each sweep by itself, calibration and weather applied as far as recorded: '
+        f'{int(finite.sum())} of {len(own)} sweeps, median {np.median(distance[finite]):.4f} m, median stated standard '
+        f'deviation {np.median(std[finite]) * 1e3:.3g} mm. It takes the strongest line for the target and the ramp '
+        'for straight.'
     )
+    if pair[0] == pair[1]:
+        note += ' A station that hears itself measures the whole path: a target stands at half of it.'
+    if finite.sum() < 3:
+        return Panel(f'Range: {name}', note)
     return Panel(
-        f'Range over time: {name}', note,
-        _uri(plots.ranges(time[finite], distance[finite], std[finite], (at, reference.ranges))),
-    )  # fmt: skip
+        f'Range over time: {name}',
+        note,
+        _uri(plots.ranges(time[finite], distance[finite], std[finite], reference[finite])),
+    )
