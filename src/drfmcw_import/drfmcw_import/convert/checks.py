@@ -18,8 +18,8 @@ _PILED = 8.0  # times as many samples on a rail as beside it: the receiver limit
 _STEP = 4.0  # times the mean square step within: a border between blocks
 _WRONG_SIDE = 10.0  # dB by which the wrong side band exceeds the right one
 _MIRRORED = 6.0  # dB within which an image of each line shows interleaved sources
-_PERIODS = (2, 3, 4, 6, 8)
-_BLOCKS = (2, 3, 4, 8)
+_PERIODS = (8, 6, 4, 3, 2)
+_BLOCKS = (8, 4, 3, 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -236,8 +236,9 @@ def _dead(statistics: Statistics, sweep: SweepSettings) -> list[Finding]:
 
 
 def kept_runs(kept: Numbers) -> float:
-    """Return the share of (n, N, iq) samples that stand in runs of eight or more equal ones."""
-    same = (np.diff(kept, axis=1) == 0.0).astype(int)
+    """Return the share of (n, N, iq) samples that stand in runs of eight or more equal ones, not at the rails."""
+    inside = (kept[:, 1:] > kept.min()) & (kept[:, 1:] < kept.max())
+    same = ((np.diff(kept, axis=1) == 0.0) & inside).astype(int)
     if same.shape[1] < 7:
         return 0.0
     sums = np.cumsum(np.pad(same, ((0, 0), (1, 0), (0, 0))), axis=1)

@@ -103,7 +103,7 @@ def find_sync_channel(file: WavFile) -> int:
         ConfigurationError: none does.
     """
     block = file.read(0, _BLOCK).astype(float)
-    block -= block.mean(axis=0)
+    block -= np.percentile(block, [2, 98], axis=0).mean(axis=0)  # the middle between the levels, whatever their shares
     power = np.maximum(np.mean(block**2, axis=0), 1e-300)
     kurtosis = np.mean(block**4, axis=0) / power**2
     best = int(np.argmin(kurtosis))
@@ -124,7 +124,7 @@ def edges(file: WavFile, channel: int, rising: bool) -> Numbers:
     low, high = np.inf, -np.inf
     for _, block in file.blocks():
         level = block[:, channel]
-        low, high = min(low, float(np.percentile(level, 5))), max(high, float(np.percentile(level, 95)))
+        low, high = min(low, float(np.percentile(level, 2))), max(high, float(np.percentile(level, 98)))
     middle, quarter = (low + high) / 2, (high - low) / 4
     found: list[float] = []
     armed, last = False, 0.0
