@@ -87,7 +87,7 @@ def matlab_5_in_volts(folder):
 @case
 def matlab_7_3(folder):
     own = codes(iq=True)
-    with h5py.File(folder / 'a.mat', 'w', userblock_size=512) as file:  # MATLAB stores axes reversed, complex as a struct
+    with h5py.File(folder / 'a.mat', 'w', userblock_size=512) as file:  # axes reversed, complex a struct
         kind = np.dtype([('real', 'f8'), ('imag', 'f8')])
         stored = np.empty((SAMPLES, SWEEPS), kind)
         stored['real'], stored['imag'] = own[:, 0, :, 0].T, own[:, 0, :, 1].T
@@ -150,7 +150,7 @@ def text_with_decimal_commas(folder):
 @case
 def raw_big_endian_blocks(folder):
     own = codes(receivers=2, iq=True)
-    stored = (own.astype(int) + 32768).transpose(0, 1, 3, 2).astype('>u2')  # each chirp: block I, block Q of each receiver
+    stored = (own.astype(int) + 32768).transpose(0, 1, 3, 2).astype('>u2')  # blocks of I and of Q
     (folder / 'a.bin').write_bytes(b'12345678' + stored.tobytes())
     layout = {'axes': ['chirp', 'receiver', 'iq', 'sample'], 'shape': [-1, 2, 2, SAMPLES], 'receiver': 1}
     options = {'type': 'uint16', 'byte_order': 'big', 'header_bytes': 8}
@@ -200,9 +200,11 @@ def dca1000_two_lanes_of_frames(folder):
 @case
 def infineon(folder):
     own = codes(receivers=3)
-    np.save(folder / 'radar.npy', (own[..., 0].reshape(2, 3, 3, SAMPLES).transpose(0, 2, 1, 3) + 2048).astype(np.uint16))
+    frames = own[..., 0].reshape(2, 3, 3, SAMPLES).transpose(0, 2, 1, 3).astype(np.uint16)
+    np.save(folder / 'radar.npy', frames + np.uint16(2048))
     shape = {
-        'start_frequency_Hz': 58e9, 'end_frequency_Hz': 63.5e9, 'sample_rate_Hz': 2000000, 'num_samples_per_chirp': SAMPLES,
+        'start_frequency_Hz': 58e9, 'end_frequency_Hz': 63.5e9, 'sample_rate_Hz': 2000000,
+        'num_samples_per_chirp': SAMPLES,
         'chirp_repetition_time_s': 5e-4, 'frame_repetition_time_s': 0.1, 'rx_antennas': [1, 2, 3],
     }  # fmt: skip
     (folder / 'config.json').write_text(json.dumps({'device_config': {'fmcw_single_shape': shape}}))
@@ -213,8 +215,10 @@ def infineon(folder):
 def apres(folder):
     own = codes(bits=16, count=6)  # two bursts of three chirps
     header = (
-        '\r\n*** Burst Header ***\r\nTime stamp=2022-05-22 19:39:00\r\nRMB_Issue=C:VAB-I\r\nNSubBursts=3\r\nAverage=0\r\n'
-        'TxAnt=1,0,0,0,0,0,0,0\r\nRxAnt=1,0,0,0,0,0,0,0\r\nnAttenuators=1\r\nAttenuator1=10.0,0.0\r\nSamplingFreqMode=0\r\n'
+        '\r\n*** Burst Header ***\r\nTime stamp=2022-05-22 19:39:00\r\nRMB_Issue=C:VAB-I\r\n'
+        'NSubBursts=3\r\nAverage=0\r\n'
+        'TxAnt=1,0,0,0,0,0,0,0\r\nRxAnt=1,0,0,0,0,0,0,0\r\nnAttenuators=1\r\nAttenuator1=10.0,0.0\r\n'
+        'SamplingFreqMode=0\r\n'
         f'N_ADC_SAMPLES={SAMPLES}\r\n*** End Header ***\r\n'
     )
     with open(folder / 'a.dat', 'wb') as file:

@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import import_cases as cases
 
 ROOT = Path(__file__).parents[3]
-REAL = next((p for p in (ROOT / '../shared', Path('/work/shared')) if p.exists()), ROOT / '../shared') / 'recordings/real'
+SHARED = next((p for p in (ROOT / '../shared', ROOT / '../../shared') if p.exists()), Path('nowhere'))
+REAL = SHARED / 'recordings/real'
 
 
 def imported(tmp_path, paths, settings, *more):
