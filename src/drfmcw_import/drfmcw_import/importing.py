@@ -62,9 +62,9 @@ def report(imported: Imported, stated: Sequence[str], out: str) -> list[str]:
     for sweep, found in zip(imported.settings, imported.findings, strict=True):
         lines.append(
             f"station '{sweep.station}': {imported.sweeps} sweeps of {sweep.sample_count} "
-            f'{"I/Q" if imported.iq else "real"} '
-            f'samples at {sweep.sample_rate / 1e6:.6g} MS/s, {sweep.start_frequency / 1e9:.6g} GHz '
-            f'{sweep.bandwidth / 1e6:+.6g} MHz in {sweep.ramp_duration * 1e6:.6g} us'
+            f'{"I/Q" if imported.iq else "real"} samples at {sweep.sample_rate / 1e6:.6g} MS/s, '
+            f'{sweep.start_frequency / 1e9:.6g} GHz {sweep.bandwidth / 1e6:+.6g} MHz in '
+            f'{sweep.ramp_duration * 1e6:.6g} us'
         )
         lines += [f'  ok: {f.sentence}' for f in found if f.agrees]
         lines += [f'  warning: {f.sentence}' for f in found if not f.agrees]

@@ -124,9 +124,7 @@ def _codes(histogram: Numbers, full_scale: float) -> list[Finding]:
             Finding(
                 False,
                 f'{text}, all {step} apart: the ADC has about {spare} bits fewer: set samples: span: {step}, '
-                'span_codes: '
-                '1 and '
-                f'bits: {max(1, int(np.log2(2 * full_scale)) - spare)}',
+                f'span_codes: 1 and bits: {max(1, int(np.log2(2 * full_scale)) - spare)}',
             )
         ]
     unused = span - len(used)
@@ -144,8 +142,7 @@ def _codes(histogram: Numbers, full_scale: float) -> list[Finding]:
             Finding(
                 False,
                 f'{text}: {missing} of {int(dense.sum())} codes never occur where their neighbours often do: the '
-                'file was '
-                'scaled, or the ADC misses codes: check samples: bits, span and span_codes',
+                'file was scaled, or the ADC misses codes: check samples: bits, span and span_codes',
             )
         ]
     return [Finding(True, text)]
@@ -172,9 +169,8 @@ def _wrapping(kept: Numbers, full_scale: float) -> Finding:
         return Finding(
             False,
             f'{share:.1%} of the steps from sample to sample go across the whole range: negative codes seem to be '
-            'read as '
-            'large ones or offset ones as signed: try samples: coding: wrapped, offset_binary or signed, or the '
-            'other byte order',
+            'read as large ones or offset ones as signed: try samples: coding: wrapped, offset_binary or signed, or '
+            'the other byte order',
         )
     return Finding(True, 'no jumps across the whole range')
 
@@ -230,9 +226,8 @@ def _dead(statistics: Statistics, sweep: SweepSettings) -> list[Finding]:
             Finding(
                 False,
                 f'the samples cover {sweep.record_duration * 1e6:.4g} us, the ramp {sweep.ramp_duration * 1e6:.4g} '
-                'us: set '
-                f'layout: sample_count: {int(sweep.ramp_duration * sweep.sample_rate)}, or correct ramp_duration or '
-                'sample_rate',
+                f'us: set layout: sample_count: {int(sweep.ramp_duration * sweep.sample_rate)}, or correct '
+                'ramp_duration or sample_rate',
             )
         )
     return result or [Finding(True, 'no dead samples')]
@@ -262,10 +257,8 @@ def _block_borders(kept: Numbers) -> Finding:
             return Finding(
                 False,
                 f'steps between blocks of {count // blocks} samples are {np.mean(steps[at]) / level:.0f} times (mean '
-                'square) '
-                f'those within: a sweep seems to hold {blocks} blocks: put receiver, iq, ramp or chirp as an axis of '
-                'size '
-                f'{blocks} before sample',
+                f'square) those within: a sweep seems to hold {blocks} blocks: put receiver, iq, ramp or chirp as an '
+                f'axis of size {blocks} before sample',
             )
     return Finding(True, 'no jumps at the borders of blocks')
 
@@ -292,8 +285,7 @@ def _interleaving(spectrum: Numbers, iq: bool) -> Finding:
             return Finding(
                 False,
                 f'each line has images at {period - 1} multiple(s) of 1/{period} of the sampling rate: {period} '
-                'sources '
-                f'alternate sample by sample: put receiver or iq as an axis of size {period} behind sample',
+                f'sources alternate sample by sample: put receiver or iq as an axis of size {period} behind sample',
             )
     return Finding(True, 'no images as of sources that alternate sample by sample')
 
@@ -315,8 +307,7 @@ def _sides(spectrum: Numbers, sweep: SweepSettings) -> Finding:
         return Finding(
             False,
             f'the strongest line stands {ratio:.1f} dB above its image on the wrong side for a {ramp} ramp: set '
-            'layout: '
-            'swap_iq: true, or the other radar: ramp',
+            'layout: swap_iq: true, or the other radar: ramp',
         )
     return Finding(
         True,

@@ -75,8 +75,7 @@ class Coder:
             advice = 'set coding: signed' if low < 0 else f'set bits: {needed}'
         raise ConfigurationError(
             f'{name}: numbers from {low} to {high} are beyond the codes {first} ... {last} of samples: bits = '
-            f'{self.bits}, '
-            f'coding = {self.coding}: {advice}'
+            f'{self.bits}, coding = {self.coding}: {advice}'
         )
 
 

@@ -85,8 +85,7 @@ def lay_out(source: Source, settings: LayoutSettings) -> Layout:
         listed = 'x'.join(map(str, source.array.shape))
         raise ConfigurationError(
             f'{name}: is an array of {listed}, which needs {len(source.array.shape)} axes, not {list(axes)}: set '
-            'layout: '
-            'axes, and shape where the file does not state the sizes'
+            'layout: axes, and shape where the file does not state the sizes'
         )
     layout = Layout(array, tuple(axes), name)
     _check(layout, settings)
@@ -130,8 +129,7 @@ def _reshaped(array: Array, settings: LayoutSettings, name: str) -> Array:
     if used != total and not (settings.drop_incomplete and free == 0):
         raise ConfigurationError(
             f'{name}: {total} numbers are no multiple of {inner} (layout: shape = {shape}): {total - used} are left '
-            'over; '
-            'correct the shape, or set drop_incomplete: true'
+            'over; correct the shape, or set drop_incomplete: true'
         )
     if used == 0:
         raise ConfigurationError(

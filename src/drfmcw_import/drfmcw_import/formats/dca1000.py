@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from drfmcw_physics.settings import parameter
+from drfmcw_physics.settings import ConfigurationError, parameter
 
 from .base import Format, Source
 from .raw import mapped
@@ -26,6 +26,13 @@ class Dca1000Options:
     chirps: int = parameter(0, bounds=(0, 65536), description='chirps of one frame and transmitter; 0: no frames')
     transmitters: int = parameter(1, bounds=(1, 4), description='transmitters that take turns from chirp to chirp')
     real: bool = parameter(False, description='real samples, not I and Q')
+
+    def __post_init__(self) -> None:
+        """Refuse lanes that no device has, and pairs of samples that do not come out even."""
+        if self.lanes == 3:
+            raise ConfigurationError('lanes = 3 is not 2 or 4')
+        if self.lanes == 2 and self.samples % 2:
+            raise ConfigurationError(f'samples = {self.samples} must be even with two lanes')
 
 
 class Dca1000Format(Format):

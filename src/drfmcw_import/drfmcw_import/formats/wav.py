@@ -109,8 +109,9 @@ def find_sync_channel(file: WavFile) -> int:
     best = int(np.argmin(kurtosis))
     if kurtosis[best] > _TWO_VALUED:
         raise ConfigurationError(
-            f'{file.path}: no channel switches between two levels (kurtosis {", ".join(f"{k:.2f}" for k in kurtosis)}; '
-            'a square wave has 1): set options: sync_channel, -2 where there is none'
+            f'{file.path}: no channel switches between two levels (kurtosis '
+            f'{", ".join(f"{k:.2f}" for k in kurtosis)}; a square wave has 1): set options: sync_channel, -2 where '
+            'there is none'
         )
     return best
 
@@ -211,6 +212,7 @@ class WavFormat(Format):
         pauses = int(np.sum(~regular))
         return (
             f'channel {channel} switches: {len(found)} {self.chosen.edge} edges every {period / rate * 1e3:.4f} ms '
-            f'({period:.2f} samples); they jitter by {jitter:.2f} samples, and cutting at whole samples moves sample 0 '
+            f'({period:.2f} samples); they jitter by {jitter:.2f} samples, and cutting at whole samples moves sample '
+            '0 '
             f'by another {cut:.2f} samples (standard deviations)' + (f'; {pauses} gaps' if pauses else '')
         )

@@ -107,9 +107,8 @@ def _summary(data: StationSweeps) -> str:
     text = (
         f'Listens to {peer}. The ramp starts at {sweep.start_frequency / 1e9:.6g} GHz and '
         f'{"rises" if sweep.bandwidth > 0 else "falls"} by {_hertz(abs(sweep.bandwidth))} in '
-        f'{_seconds(sweep.ramp_duration)}; '
-        f'{sweep.sample_count} {"I/Q" if data.iq else "real"} samples at {_hertz(sweep.sample_rate)} cover '
-        f'{_seconds(sweep.record_duration)}.'
+        f'{_seconds(sweep.ramp_duration)}; {sweep.sample_count} {"I/Q" if data.iq else "real"} samples at '
+        f'{_hertz(sweep.sample_rate)} cover {_seconds(sweep.record_duration)}.'
     )
     if data.settings > 1:
         text += (
@@ -162,13 +161,11 @@ def _panels(data: StationSweeps, run: slice, spectrum: measures.Spectrum) -> lis
     beside = ' Right: low frequencies, with a longer window.' if low else ''
     over_ramp = (
         f'Short-time spectra over ramp time{which}. A straight ramp and a fixed delay give horizontal lines; a bent '
-        'ramp '
-        f'bends all of them in proportion to their delays.{beside}'
+        f'ramp bends all of them in proportion to their delays.{beside}'
     )
     codes = (
         'How often each code occurs. Peaks at the ends mean limiting, gaps mean missing codes or scaled samples. '
-        'Dashed: '
-        'full scale, where it is within the picture.'
+        'Dashed: full scale, where it is within the picture.'
     )
     marks = measures.marks(spectrum, sweep, data.iq)
     panels = [
@@ -217,10 +214,9 @@ def _course_panel(data: StationSweeps, run: slice, line: float, which: str) -> P
         return Panel(title, 'The strongest line makes fewer than four turns in a sweep: too few to follow it.')
     wander = float(np.std(course.frequency)) / abs(course.straight)
     note = (
-        f'The strongest line followed along the ramp{which} (filtered over {_seconds(course.width, 2)}). It wanders by '
-        f'{wander:.2g} of its frequency (rms) about the straight line that the nominal ramp predicts. Other lines '
-        'within '
-        f'{_hertz(1.0 / course.width, 2)} add ripple, and where the line fades its frequency jumps.'
+        f'The strongest line followed along the ramp{which} (filtered over {_seconds(course.width, 2)}). It wanders '
+        f'by {wander:.2g} of its frequency (rms) about the straight line that the nominal ramp predicts. Other lines '
+        f'within {_hertz(1.0 / course.width, 2)} add ripple, and where the line fades its frequency jumps.'
     )
     return Panel(title, note, _uri(plots.course(course, data.sweep.record_duration)))
 
@@ -230,8 +226,7 @@ def _spectrum_note(data: StationSweeps, which: str, several: bool, low: bool) ->
     rest = ', in which the strongest line keeps its position; pale: all sweeps' if several else ''
     return (
         f'Hann window{which}{rest}. Marked: 0 Hz, Nyquist, the strongest line{image}, and 2× and 3×, its harmonics, '
-        'folded '
-        f'where they pass Nyquist. Dotted: median.{" Right: low frequencies enlarged." if low else ""}'
+        f'folded where they pass Nyquist. Dotted: median.{" Right: low frequencies enlarged." if low else ""}'
     )
 
 
@@ -261,10 +256,10 @@ def _range_panel(replay: Replay, pair: tuple[str, str]) -> Panel:
     reference = reference_at(replay.reference.of('/'.join(pair)), stamps)
     time = (stamps - stamps[0]) * 1e-9
     note = (
-        f'Maximum-likelihood estimator, each sweep by itself, calibration and weather applied as far as recorded: '
-        f'{int(finite.sum())} of {len(own)} sweeps, median {np.median(distance[finite]):.4f} m, median stated standard '
-        f'deviation {np.median(std[finite]) * 1e3:.3g} mm. It takes the strongest line for the target and the ramp '
-        'for straight.'
+        'Maximum-likelihood estimator, each sweep by itself, calibration and weather applied as far as recorded: '
+        f'{int(finite.sum())} of {len(own)} sweeps, median {np.median(distance[finite]):.4f} m, median stated '
+        f'standard deviation {np.median(std[finite]) * 1e3:.3g} mm. It takes the strongest line for the target and '
+        'the ramp for straight.'
     )
     if pair[0] == pair[1]:
         note += ' A station that hears itself measures the whole path: a target stands at half of it.'
