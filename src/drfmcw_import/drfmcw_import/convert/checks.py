@@ -13,6 +13,7 @@ from drfmcw_physics.sweep import SweepSettings
 from ..formats.base import Numbers
 
 _KEPT = 1 << 22  # numbers kept for what needs whole sweeps
+_UNEVEN = 2.0  # times as often as the odd ones the even codes occur, or the other way round
 _RAILS = (0.002, 0.005)  # of the used range: widths of a rail, whose codes scatter
 _PILED = 8.0  # times as many samples on a rail as beside it: the receiver limits there
 _STEP = 4.0  # times the mean square step within: a border between blocks
@@ -99,6 +100,13 @@ def averaged_spectrum(signal: Numbers) -> Numbers:
     return power
 
 
+def local_maxima(power: Numbers) -> Numbers:
+    """Return powers with zero where they are no local maximum along the last axis: the skirt of 0 Hz is no line."""
+    around = np.pad(power, [(0, 0)] * (power.ndim - 1) + [(1, 1)], mode='edge')
+    peaks: Numbers = np.where((power >= around[..., :-2]) & (power >= around[..., 2:]), power, 0.0)
+    return peaks
+
+
 def _whole(roundings: float) -> Finding:
     if roundings == 0.0:
         return Finding(True, '')
@@ -145,7 +153,20 @@ def _codes(histogram: Numbers, full_scale: float) -> list[Finding]:
                 'file was scaled, or the ADC misses codes: check samples: bits, span and span_codes',
             )
         ]
-    return [Finding(True, text)]
+    return [Finding(True, text), _parity(occurring)]
+
+
+def _parity(occurring: Numbers) -> Finding:
+    """Compare how often even and odd codes occur."""
+    first, second = int(occurring[::2].sum()), int(occurring[1::2].sum())
+    if first + second > 2000 and max(first, second) > _UNEVEN * min(first, second):
+        ratio = max(first, second) / max(min(first, second), 1)
+        return Finding(
+            False,
+            f'every other code occurs {ratio:.1f} times as often as those between: the lowest bit is mostly stuck, or '
+            'the file holds doubled codes: count on one bit fewer; no setting mends it',
+        )
+    return Finding(True, '')
 
 
 def _offset(histogram: Numbers, full_scale: float) -> Finding:
@@ -267,7 +288,7 @@ def _interleaving(spectrum: Numbers, iq: bool) -> Finding:
     """Look for images of the strongest line at multiples of 1 / p of the sampling rate: p sources."""
     count = len(spectrum)
     guard = max(3, count // 128)
-    usable = spectrum.copy()
+    usable = local_maxima(spectrum)
     usable[:guard] = usable[count - guard + 1 :] = 0.0
     if not iq:
         usable[count // 2 + 1 :] = 0.0
@@ -320,7 +341,7 @@ def _line(spectrum: Numbers, sweep: SweepSettings, iq: bool) -> list[Finding]:
     count = len(spectrum)
     half = spectrum if iq else spectrum[: count // 2]
     guard = max(3, count // 128)
-    inner = half.copy()
+    inner = local_maxima(half)
     inner[:guard] = 0.0
     if iq:
         inner[count - guard + 1 :] = 0.0

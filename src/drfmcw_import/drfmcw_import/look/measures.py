@@ -6,6 +6,7 @@ import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 
+from ..convert.checks import local_maxima
 from ..formats.base import Numbers
 from .sweeps import StationSweeps
 
@@ -77,8 +78,8 @@ def still_run(data: StationSweeps) -> slice:
     count = signal.shape[1]
     power = _power_spectra(signal, count)
     frequency = _frequencies(count, 1.0, data.iq)
-    power[:, np.abs(frequency) * count < 2.5] = 0.0
-    peak = np.argmax(power, axis=1)
+    peaks = np.where(np.abs(frequency) * count < 2.5, 0.0, local_maxima(power))
+    peak = np.argmax(peaks, axis=1)
     best = slice(0, 1)
     start = 0
     for i in range(1, len(peak) + 1):
@@ -98,7 +99,7 @@ def averaged(data: StationSweeps, run: slice) -> Spectrum:
     mine = np.mean(_power_spectra(signal[run], padded), axis=0)
     step = max(1, len(signal) * padded // (1 << 24))
     everything = np.mean(_power_spectra(signal[::step], padded), axis=0)
-    away = np.where(np.abs(frequency) < 2.5 * rate / count, 0.0, mine)
+    away = np.where(np.abs(frequency) < 2.5 * rate / count, 0.0, local_maxima(mine))
     at = int(np.argmax(away))
     line = float(frequency[at])
     if 0 < at < len(mine) - 1:
@@ -182,5 +183,5 @@ def sweep_powers(data: StationSweeps) -> tuple[Numbers, Numbers]:
     signal = signal - signal.mean(axis=1, keepdims=True)
     total = decibels(np.mean(np.abs(signal) ** 2, axis=1) * (1.0 if data.iq else 2.0))
     spectra = _power_spectra(signal, signal.shape[1])
-    spectra[:, np.abs(_frequencies(signal.shape[1], 1.0, data.iq)) * signal.shape[1] < 2.5] = 0.0
-    return total, decibels(spectra.max(axis=1))
+    near = np.abs(_frequencies(signal.shape[1], 1.0, data.iq)) * signal.shape[1] < 2.5
+    return total, decibels(np.where(near, 0.0, local_maxima(spectra)).max(axis=1))

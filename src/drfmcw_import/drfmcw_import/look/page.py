@@ -214,9 +214,9 @@ def _course_panel(data: StationSweeps, run: slice, line: float, which: str) -> P
         return Panel(title, 'The strongest line makes fewer than four turns in a sweep: too few to follow it.')
     wander = float(np.std(course.frequency)) / abs(course.straight)
     note = (
-        f'The strongest line followed along the ramp{which} (filtered over {_seconds(course.width, 2)}). It wanders '
+        f'The strongest line followed along the ramp{which} (filtered over {_seconds(course.width, 3)}). It wanders '
         f'by {wander:.2g} of its frequency (rms) about the straight line that the nominal ramp predicts. Other lines '
-        f'within {_hertz(1.0 / course.width, 2)} add ripple, and where the line fades its frequency jumps.'
+        f'within {_hertz(1.0 / course.width, 3)} add ripple, and where the line fades its frequency jumps.'
     )
     return Panel(title, note, _uri(plots.course(course, data.sweep.record_duration)))
 

@@ -33,12 +33,15 @@ _LEVELS = 128  # instants at which their level is shown instead
 _LOW = 16.0  # a line this many times below the highest frequency is shown enlarged too
 
 
-def _png(figure: Figure) -> bytes:
+def _png(figure: Figure, colors: int = _COLORS) -> bytes:
+    """Return a figure as PNG: curves with a palette, a third of the size; images (colors = 0) with all colours."""
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
     image = io.BytesIO()
-    drawn.quantize(_COLORS, dither=Image.Dither.NONE).save(image, 'PNG', optimize=True)
+    if colors:
+        drawn = drawn.quantize(colors, dither=Image.Dither.NONE)
+    drawn.save(image, 'PNG', optimize=True)
     return image.getvalue()
 
 
@@ -110,7 +113,7 @@ def samples(data: StationSweeps, line: float) -> bytes:
             axis.xaxis.set_major_locator(MaxNLocator(6))
         axes[0].set_ylabel('sweep')
         figure.colorbar(image, ax=axes[-1], label=label, pad=0.01)
-        return _png(figure)
+        return _png(figure, 0)
 
 
 def _levels(axis: Axes, codes: Numbers, extent: tuple[float, float, float, float], figure: Figure) -> None:
@@ -169,7 +172,7 @@ def spectrogram(parts: list[tuple[Numbers, Numbers, Numbers]], end: float, line:
             axis.set_xlabel(f'ramp time [{unit}]')
             axis.set_ylabel(f'IF frequency [{hertz}]')
             figure.colorbar(image, ax=axis, label='level [dBFS]' if axis is axes[-1] else None, pad=0.01)
-        return _png(figure)
+        return _png(figure, 0)
 
 
 def spectrum(measured: Spectrum, marked: list[Mark], several: bool) -> bytes:
@@ -239,12 +242,13 @@ def course(measured: RampCourse, end: float) -> bytes:
         axis.axhline(measured.straight / by, color=CURVE, lw=1.2, label='straight ramp, one delay')
         middle = measured.straight / by
         excess = np.abs(measured.frequency / by - middle)
-        reach = max(1.3 * float(np.percentile(excess, 97)), 0.002 * abs(middle))
+        spread = float(np.nanmedian(measured.scatter)) / by if np.isfinite(measured.scatter).any() else 0.0
+        reach = max(1.3 * float(np.percentile(excess, 97)), 1.5 * spread, 0.0005 * abs(middle))
         axis.set_ylim(middle - reach, middle + 1.25 * reach)
         axis.set_xlim(0.0, end / factor)
         axis.set_xlabel(f'ramp time [{unit}]')
         axis.set_ylabel(f'beat frequency [{hertz}]')
-        axis.legend(loc='upper right', ncol=3)
+        axis.legend(loc='upper right', ncol=3, frameon=True, framealpha=0.9, edgecolor='none')
         return _png(figure)
 
 

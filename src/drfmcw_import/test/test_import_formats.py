@@ -122,7 +122,8 @@ def test_real_files_give_their_recordings(settings, files, bag, tmp_path, capsys
     assert imported(tmp_path, [REAL / 'raw' / f for f in files], path) == 0
     said = capsys.readouterr().out
     warnings = [line for line in said.splitlines() if 'warning' in line]
-    assert all('rails' in w for w in warnings), warnings  # saturation is in two of them, wrong settings in none
+    # saturation in two of them, a lowest bit that mostly sticks in one, wrong settings in none
+    assert all('rails' in w or 'lowest bit' in w for w in warnings), warnings
     (mine,) = read_sweeps(tmp_path / 'out')
     if bag is None:
         return

@@ -56,6 +56,14 @@ def test_left_justified_codes_are_seen():
     assert 'all 16 apart' in said and 'span: 16' in said and 'bits: 12' in said
 
 
+def test_a_lowest_bit_that_mostly_sticks_is_seen():
+    stuck = line()
+    stuck[:48] &= ~1
+    (said,) = warnings(stuck)
+    ratio = float(said.split('occurs ')[1].split(' times')[0])
+    assert 5.0 < ratio < 10.0  # three quarters of the sweeps even, one quarter either: 7 to 1
+
+
 def test_scaled_codes_are_seen():
     assert any('never occur' in w for w in warnings(np.rint(line(sweeps=512) * 1.37).astype(np.int16), 4096.0))
 
