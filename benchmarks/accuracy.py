@@ -14,8 +14,8 @@ from rich.table import Table
 
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.statistics import setting_statistics
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.estimators import estimator
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.estimators.registry import estimator
 from drfmcw_physics.bounds import outlier_probability
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_study.accuracy import Accuracy, Cell, grid, left_out
@@ -71,26 +71,26 @@ def _outliers() -> tuple[float, float]:
         frequency = rng.uniform(30e3, 990e3, 500)
         line = np.cos(2 * np.pi * frequency[:, None] * t + rng.uniform(0, 2 * np.pi, (500, 1)))
         samples = np.round(100 * (line + sigma * rng.normal(size=line.shape))).astype(np.int16)
-        ours += np.count_nonzero(np.abs(estimate(samples, 8192.0).frequency - frequency) > 2000.0)
+        ours += int(np.count_nonzero(np.abs(estimate(samples, 8192.0).frequency - frequency) > 2000.0))
         power = np.abs(scipy.fft.rfft(samples[:, window].astype(np.float32), 8 * sweep.sample_count)) ** 2
         found = (power[:, 64 : 8 * 1016].argmax(axis=1) + 64) * (sweep.sample_rate / 8 / sweep.sample_count)
-        reference += np.count_nonzero(np.abs(found - frequency) > 2000.0)
+        reference += int(np.count_nonzero(np.abs(found - frequency) > 2000.0))
     return ours / _LINES, reference / _LINES
 
 
 def _recorded(name: str) -> tuple[float, float]:
-    """Return the root mean square deviation beyond 900 m in a recording not made by this code, and as predicted [mm].
+    """Return the standard deviation beyond 900 m in a recording not made by this code, and as predicted [mm].
 
     The instrument that gave the reference contributes to both.
     """
     replay = replay_recording(str(_RECORDING), EstimatorSettings(estimator=name))
-    rows = [r for r in setting_statistics(replay.results, replay.reference) if r.reference > 900.0]
-    predicted = [r.range_std**2 + r.reference_std**2 for r in rows]
+    rows = [r for r in setting_statistics(replay.results, replay.reference) if (r.reference or 0.0) > 900.0]
+    predicted = [r.range_std**2 + (r.reference_std or 0.0) ** 2 for r in rows]
     return 1e3 * math.sqrt(np.mean([r.std**2 for r in rows])), 1e3 * math.sqrt(np.mean(predicted))
 
 
 def bench_accuracy(seconds: float, console: Console) -> list[Figure]:
-    """Measure deviation, bias and reported deviation of `ml` and `pair` over the whole grid; outliers; a recording."""
+    """Measure bias, standard deviation and reported standard deviation of `ml` and `pair`; outliers; a recording."""
     trials = max(round(_TRIALS * min(seconds / 60.0, 1.0)), 100)
     results = _grid(trials, console)
     console.print(_cells(results))
@@ -105,12 +105,12 @@ def bench_accuracy(seconds: float, console: Console) -> list[Figure]:
         ratio = max(cells, key=lambda c: cells[c].std / cells[c].bound)
         chi = max(cells, key=lambda c: abs(cells[c].chi_square - 1.0))
         figures += [
-            Figure(f'{name}: largest deviation over its bound ({ratio})', cells[ratio].std / cells[ratio].bound, '',
-                   1.05, bound=1.0),
-            Figure(f'{name}: largest bias over deviation', max(abs(a.bias) / a.std for a in values), '', 0.2),
+            Figure(f'{name}: largest standard deviation over its bound ({ratio})',
+                   cells[ratio].std / cells[ratio].bound, '', 1.05, bound=1.0),
+            Figure(f'{name}: largest bias over standard deviation', max(abs(a.bias) / a.std for a in values), '', 0.2),
             Figure(f'{name}: largest bias', 1e3 * max(abs(a.bias) for a in values), 'mm', 0.3),
             Figure(f'{name}: largest error of reported variance ({chi})', abs(cells[chi].chi_square - 1.0), '', 0.05),
-            Figure(f'{name}: largest deviation of carrier phase over its bound',
+            Figure(f'{name}: largest standard deviation of carrier phase over its bound',
                    max(a.carrier_std / a.carrier_bound for a in values), bound=1.0),
         ]  # fmt: skip
     ours, reference = _outliers()

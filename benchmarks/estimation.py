@@ -1,6 +1,7 @@
 """Speed of the estimators on simulated sweeps, beside NumPy, SciPy and scikit-radar doing the same in the same run."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import references
@@ -8,16 +9,17 @@ from figures import Figure
 from measuring import rates
 from rich.console import Console
 
-from drfmcw_node.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
 from drfmcw_physics.bounds import additive_factor
 from drfmcw_physics.sweep import Mode
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import Measurements, synthesise
+from drfmcw_sim.signal_model import synthesise
 from drfmcw_study.accuracy import Cell
 from drfmcw_study.measurement import conditions, station_estimates
 
 _SWEEPS = 512
-_TRIALS = 4000  # for the deviation, 1.1 % of standard error
+_TRIALS = 4000  # for the standard deviation, 1.1 % of standard error
 _GOALS = {('hann', 0.0): 50e3, ('hann', 20.0): 30e3, ('ml', 0.0): 10e3, ('ml', 20.0): 10e3}
 _PAIRS = 6000.0
 
@@ -64,7 +66,7 @@ def bench_estimation(seconds: float, console: Console) -> list[Figure]:
     jobs |= {f'pair {d:g}': material[d].pairs() for d in material}
     first, second = equal.samples
 
-    def reference(function: Callable, *arrays: np.ndarray, **keywords) -> Callable[[], int]:
+    def reference(function: Callable[..., Any], *arrays: np.ndarray, **keywords: Any) -> Callable[[], int]:
         def work() -> int:
             function(*arrays, **keywords)
             return len(arrays[0])
@@ -101,7 +103,7 @@ def bench_estimation(seconds: float, console: Console) -> list[Figure]:
     for difference, condition in material.items():
         found = condition.cell.measure('hann', range(_TRIALS))
         figures.append(
-            Figure(f'hann: deviation over the bound, {difference:g} ppm apart', found.std / found.bound, '',
+            Figure(f'hann: standard deviation over the bound, {difference:g} ppm apart', found.std / found.bound, '',
                    1.6, bound=additive_factor('hann') / additive_factor('boxcar'))
         )  # fmt: skip
     return figures

@@ -4,6 +4,13 @@ import dataclasses
 from typing import Any
 
 
+def number(value: float | None) -> str:
+    """Return four digits of a value, without an exponent where it is a rate; nothing for None."""
+    if value is None:
+        return ''
+    return f'{value:.0f}' if 1e3 <= abs(value) < 1e7 else f'{value:.4g}'
+
+
 @dataclasses.dataclass(frozen=True)
 class Figure:
     """A measured value; `relation` says on which side of the goal it must lie."""

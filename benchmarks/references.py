@@ -85,7 +85,7 @@ def two_station_if(
     return results[0], results[1]
 
 
-def _vertex(left, middle, right):
+def _vertex(left: np.ndarray, middle: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return where the parabola through three equidistant values has its maximum, from the middle one."""
     return 0.5 * (left - right) / (left - 2.0 * middle + right)
 

@@ -52,11 +52,11 @@ def _synthesis(*overrides: str) -> Callable[[], int]:
     return work
 
 
-def _plain(*alphas: float) -> Callable[[], int]:
+def _plain(first: float, second: float) -> Callable[[], int]:
     """Return a function that makes both stations' samples in plain NumPy."""
 
     def work() -> int:
-        references.two_station_if(_PLAIN_TRIALS, 1, alphas=alphas, start_delay_jitter=1e-10)
+        references.two_station_if(_PLAIN_TRIALS, 1, alphas=(first, second), start_delay_jitter=1e-10)
         return _PLAIN_TRIALS
 
     return work

@@ -22,7 +22,7 @@ class Progress:
         names = list(self._weights)
         before = sum(self._weights[name] for name in names[: names.index(step)])
         percent = int(100 * (before + share * self._weights[step]) / sum(self._weights.values()))
-        # In a log ten lines tell as much as a thousand.
+        # Ten lines are enough in a log.
         key = (step, percent, detail) if self._terminal else (step, percent // 10)
         if key == self._shown:
             return

@@ -21,7 +21,7 @@ def build(root, progress, lock):
         command(root), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace", cwd=root,
         env=variables(root), pass_fds=[lock],
     ) as process:  # fmt: skip
-        for line in process.stdout:
+        for line in process.stdout or ():
             log.write(line)
             last.append(line)
             finished += line.startswith("Finished <<<")

@@ -39,7 +39,7 @@ from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.statistics import reference_at
 from drfmcw_fusion.verification import compare
-from drfmcw_node.processing import Sweep
+from drfmcw_node.processing.records import Sweep
 from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.messages import from_message, stamp_ns, to_message

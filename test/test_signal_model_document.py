@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_signal_model import if_turns, pair
+from simulated_pairs import if_turns, pair
 
 from drfmcw_fusion.combination import Station as Combined
 from drfmcw_fusion.combination import combine
-from drfmcw_node.processing import Beat
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics import bounds, link_budget
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration, range_bias

@@ -17,6 +17,7 @@ setup(
         ('share/' + NAME + '/config', sorted(glob('config/*.yaml'))),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
     zip_safe=True,
     maintainer='drfmcw maintainers',
     maintainer_email='drfmcw@example.com',

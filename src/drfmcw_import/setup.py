@@ -14,6 +14,7 @@ setup(
         ('share/' + NAME, ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
     zip_safe=True,
     maintainer='drfmcw maintainers',
     maintainer_email='drfmcw@example.com',

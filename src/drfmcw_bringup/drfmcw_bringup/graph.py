@@ -74,7 +74,7 @@ class Member:
 
     name: str
     command: list[str]
-    process: subprocess.Popen
+    process: subprocess.Popen[bytes]
     log: IO[str] | None
     keep_alive: bool
     restarts: int = 0
@@ -105,7 +105,7 @@ class Graph:
         self.members[name] = member
         return member
 
-    def _spawn(self, command: Sequence[str], log: IO[str] | None) -> subprocess.Popen:
+    def _spawn(self, command: Sequence[str], log: IO[str] | None) -> subprocess.Popen[bytes]:
         # a group of its own: Ctrl-C reaches this process alone, which then stops the others in order
         return subprocess.Popen(
             command,

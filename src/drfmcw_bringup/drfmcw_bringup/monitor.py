@@ -110,4 +110,4 @@ def monitored(pairs: Sequence[str], domain_id: int | None = None, keep: bool = F
             spinning.join(2.0)
             node.destroy_node()
     finally:
-        rclpy.try_shutdown()
+        rclpy.utilities.try_shutdown()

@@ -70,8 +70,8 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
             without,
             arguments.jobs,
         )
-    page = arguments.html or (out and str(out / 'report.html'))
-    finding = arguments.json or (out and str(out / 'finding.json'))
+    page = arguments.html or (str(out / 'report.html') if out else None)
+    finding = arguments.json or (str(out / 'finding.json') if out else None)
     if finding:
         write_atomically(finding, json.dumps(diagnosis.as_object(), indent=2) + '\n')
     if page:

@@ -11,14 +11,14 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters, nea
 from drfmcw_sim.effects import Effect
 
 from .compare.comparison import Comparison
-from .compare.known import FEWEST
+from .compare.limits import SCATTER
 from .finding.refined import write_scenario
 from .finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, NextMeasurement
 from .finding.views import locations, misfit_map, remainder, separability, series
 from .finding.wording import sentences
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
-from .search.bank import RECIPES
+from .search.bank import recipes
 from .search.fitting import Fitted, FittedEffect, Fitting
 from .search.leftovers import leftovers
 from .search.rivals import rivals, widened
@@ -28,9 +28,22 @@ from .search.selection import searched
 FALSE_ALARM_RATE = 0.01
 """Accepted chance of finding a mismatch in a recording that holds none."""
 
-_FITTED_SHARE = 2.0 / 3.0  # of the sweeps of each group, the first ones
-_SIZE_TRUST = 0.002  # of an effect's size, to which the forward models tell it
-_DECIBEL_TRUST = 0.02  # the same of one in decibels
+
+@dataclasses.dataclass(frozen=True)
+class EngineLimits:
+    """How a finding is verified, and how far sizes are trusted."""
+
+    fitted_share: float = 2.0 / 3.0
+    """Share of the sweeps of each group that is fitted, the first ones [1]; chosen."""
+
+    size: float = 0.002
+    """Of an effect's size, to which its forward model determines it [1]; chosen."""
+
+    decibel: float = 0.02
+    """The same of a size in decibels [dB]; chosen."""
+
+
+LIMITS = EngineLimits()
 
 
 def diagnose(
@@ -95,7 +108,7 @@ def diagnose_dataset(
         alternatives = rivals(search, found, result.exchanged)
         verdict, chosen = ('ambiguous' if alternatives else 'explained'), found
     deciding: tuple[NextMeasurement, ...] = ()
-    if alternatives:
+    if found is not None and alternatives:
         report('measurements that would decide', 0.93)
         deciding = ranked(search, found, alternatives)
     report('held-out sweeps', 0.95)
@@ -149,9 +162,9 @@ def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     fitted, held = [], []
     for g in np.unique(data.group):
         rows = np.flatnonzero(data.group == g)
-        at = max(FEWEST, round(_FITTED_SHARE * len(rows)))
+        at = max(SCATTER.fewest, round(LIMITS.fitted_share * len(rows)))
         fitted.append(rows[:at])
-        if len(rows) - at >= FEWEST:
+        if len(rows) - at >= SCATTER.fewest:
             held.append(rows[at:])
     return np.concatenate(fitted), np.concatenate(held) if held else np.array([], int)
 
@@ -209,7 +222,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     without = comparison.template(others) if others else 0.0
     gain = search.misfit(without) - fitted.misfit
     alone = comparison.predict((effect.build(),)).range - comparison.plain.range
-    declared = declared_parameters(Effect.registry[effect.candidate.effect])
+    declared = declared_parameters(effect.candidate.kind)
     parameters = {}
     for name in effect.candidate.free:
         value, std = effect.told.get(name, (effect.values[name], effect.stds[name]))
@@ -218,9 +231,9 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
         decibel = unit.startswith('dB')
         trust = recipe.trust.get(base, 0.0)
         if base == recipe.size or not recipe.size:
-            trust = max(trust, _DECIBEL_TRUST if decibel else _SIZE_TRUST)
+            trust = max(trust, LIMITS.decibel if decibel else LIMITS.size)
         trust *= 1.0 if decibel else abs(value)
-        if base == 'probability':  # of which the sweeps hold one outcome
+        if base == recipe.each_sweep:  # of which the sweeps hold one outcome
             trust = math.hypot(trust, math.sqrt(value * (1.0 - value) / len(comparison.data)))
         parameters[name] = Estimate(value, math.hypot(std, trust), unit)
     return FoundEffect(
@@ -235,9 +248,9 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
     sentences_ = [*data.missing, *search.comparison.known.untold()]
-    unsearched = sorted({*set(Effect.registry) - set(RECIPES), *without})
+    unsearched = sorted({*Effect.registry} - {effect for effect, _ in recipes(without)})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')
     if search.untested:
-        sentences_.append(f'Without any influence on this recording: {", ".join(search.untested)}.')
+        sentences_.append(f'These effects would leave no trace in this recording: {", ".join(search.untested)}.')
     return tuple(sentences_)

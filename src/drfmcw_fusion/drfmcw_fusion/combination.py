@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from drfmcw_node.processing import Beat
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics import bounds
 from drfmcw_physics.oscillators import Calibration, delay_from_beat_sum
 from drfmcw_physics.phase_noise import PhaseNoise

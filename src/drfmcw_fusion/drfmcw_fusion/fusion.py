@@ -12,7 +12,7 @@ from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, St
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
-from drfmcw_node.processing import Beat
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, parameter

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.pair_processing import PairProcessor
-from drfmcw_node.processing import Beat, StationProcessor, Sweep
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.processing.pair_processor import PairProcessor
+from drfmcw_node.processing.processor import StationProcessor
+from drfmcw_node.processing.records import Beat, Sweep
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import nearest
 from drfmcw_physics.sweep import SweepSettings

@@ -6,8 +6,8 @@ import functools
 import math
 from collections import OrderedDict
 
-from drfmcw_node.estimation import Flag as BeatFlag
-from drfmcw_node.processing import Beat
+from drfmcw_node.estimators.estimation import Flag as BeatFlag
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.history import History

@@ -1,7 +1,7 @@
 """Lossless compression of sweeps for the radio link.
 
-`flac` predicts each sample from its predecessors and Rice-codes what is left, which suits an IF line in noise;
-libsndfile (python-soundfile) does it. `zlib` needs nothing but Python: bit planes of the zigzag code, deflated.
+`flac` predicts each sample from its predecessors and Rice-codes the remainder, which suits an IF line in noise; it uses
+libsndfile (python-soundfile). `zlib` needs nothing but Python: bit planes of the zigzag code, deflated.
 Quadrature sweeps are two channels.
 """
 
@@ -11,12 +11,13 @@ import io
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 
-from .processing import Sweep
+from .processing.records import Sweep
 
 _NOMINAL_RATE = 48000  # FLAC wants one; the true one stands in the sweep's settings
 
@@ -103,7 +104,7 @@ def decompress(data: bytes, codec: str, count: int, iq: bool = False) -> np.ndar
     return samples
 
 
-def decompress_message(message: object) -> Sweep:
+def decompress_message(message: Any) -> Sweep:
     """Return the sweep in a CompressedIfSamples message (of rclpy or of a recording); raises as `decompress`."""
     return Sweep(
         station=message.station,

@@ -8,10 +8,10 @@ from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import WARN, Status
 from drfmcw_ros.parameters import SettingsParameters
 
-from .pair_processing import PairProcessor
-from .processing import Sweep
-from .station_settings import PairEstimatorSettings, PairStationSettings, check_pair
-from .sweep_node import SweepNode, antenna_frame, run_named
+from .processing.pair_processor import PairProcessor
+from .processing.records import Sweep
+from .station_settings import PairEstimatorSettings, PairStationSettings, antenna_frame, check_pair
+from .sweep_node import SweepNode, run_named
 
 _GATHER = 2e-3  # of sweeps that are evaluated together; a pair alone costs as much as three in a batch of eight [s]
 _PATIENCE = 1.0  # after which, at the earliest, a sweep is evaluated without its partner [s]
@@ -20,7 +20,7 @@ _PATIENCE = 1.0  # after which, at the earliest, a sweep is evaluated without it
 class PairStationNode(SweepNode):
     """Stands in place of a station's node and those of its peers. Topics and parameters: README.md of this package."""
 
-    _processor: PairProcessor
+    processor: PairProcessor
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare the parameters and create the topics; `kwargs` go to rclpy's Node."""
@@ -47,12 +47,12 @@ class PairStationNode(SweepNode):
         super()._take_sweeps([s if s.frame_id else _in_frame(s) for s in own])
 
     def _give_up(self) -> None:
-        """Evaluate alone what waits for settings or a partner that do not come, also when nothing comes any more."""
+        """Evaluate alone the sweeps that waited too long for settings or a partner, even if none come any more."""
         self._take_sweeps([])
-        self._publish(self._processor.give_up())
+        self._publish(self.processor.give_up())
 
     def _diagnose_pairs(self, status: Status) -> None:
-        processor = self._processor
+        processor = self.processor
         pairs, alone = processor.pairs - self._last_pairs[0], processor.unpaired - self._last_pairs[1]
         self._last_pairs = (processor.pairs, processor.unpaired)
         if alone:

@@ -10,12 +10,13 @@ import sys
 import time
 import urllib.parse
 from collections.abc import Sequence
+from typing import Any
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 
-from .feed import Frame, decode_requests, encode, encode_fragments
-from .sources import recorded_frames
+from .sources.feed import Frame, decode_requests, encode, encode_fragments
+from .sources.recording import recorded_frames
 
 _RETRY = 1.0  # [s]
 
@@ -86,7 +87,7 @@ class _TcpSender:
                 if self._socket is None:
                     self._socket = socket.create_connection(self._address, timeout=5.0)
                 self._socket.sendall(data)
-                self._say_requests()
+                self._say_requests(self._socket)
                 return
             except OSError as error:
                 print(f'send_sweeps: {self._address[0]}:{self._address[1]}: {error}; trying again', file=sys.stderr)
@@ -100,10 +101,10 @@ class _TcpSender:
         if self._socket is not None:
             self._socket.close()
 
-    def _say_requests(self) -> None:
+    def _say_requests(self, connection: socket.socket) -> None:
         """Show what the station asks for; a recording cannot follow it."""
-        while select.select([self._socket], [], [], 0.0)[0]:
-            data = self._socket.recv(4096)
+        while select.select([connection], [], [], 0.0)[0]:
+            data = connection.recv(4096)
             if not data:
                 raise ConnectionError('the station closed the connection')
             requests, self._received = decode_requests(self._received + data)
@@ -116,9 +117,10 @@ class _UdpSender:
 
     def __init__(self, address: tuple[str, int]) -> None:
         try:
-            family, kind, _, _, self._address = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+            family, kind, _, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise ConfigurationError(f'{address[0]}:{address[1]}: {error}') from None
+        self._address: Any = found  # whose form depends on the family
         self._socket = socket.socket(family, kind)
         self._number = 0
 

@@ -7,13 +7,14 @@ import re
 from drfmcw_physics.settings import ConfigurationError, parameter
 
 from .compression import CODECS
-from .estimation import EstimatorSettings
+from .estimators.estimation import EstimatorSettings
+from .sources.source import Source
 
 SWEEP_TOPICS = ('topic', 'compressed')
 """How sweeps come from topics: if_samples or if_samples_compressed."""
 
-SOURCES = (*SWEEP_TOPICS, 'recording', 'tcp', 'udp')
-"""Where sweeps come from; with the last three the node stands for the hardware and publishes its settings too."""
+SOURCES = (*SWEEP_TOPICS, *Source.registry)
+"""Where sweeps come from; with a registered source the node stands for the hardware and publishes its settings too."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,15 +24,9 @@ class StationSettings:
     station: str = parameter('', structural=True, description='name of the station; empty: last name of the namespace')
     frame_id: str = parameter('', description="frame of the antenna; empty: the sweep's, or <station>_antenna")
     source: str = parameter('topic', choices=SOURCES, structural=True, description='where sweeps come from')
-    ip_address: str = parameter('127.0.0.1', structural=True, description='address that sources tcp and udp listen at')
-    ip_port: int = parameter(
-        9000, structural=True, bounds=(0, 65535), description='port that sources tcp and udp listen at; 0: any'
+    peer: str = parameter(
+        '', structural=True, description='peers, separated by commas, of a digitiser (sources tcp and udp)'
     )
-    recording: str = parameter('', structural=True, description='path of the rosbag2 recording, of source recording')
-    recording_rate: float = parameter(
-        1.0, structural=True, bounds=(0.0, 1e6), description='times as fast as recorded; 0: as fast as possible'
-    )
-    peer: str = parameter('', structural=True, description='peers, separated by commas, of sources tcp and udp')
     time_offset: float = parameter(
         0.0, unit='s', bounds=(-10.0, 10.0), description='added to the stamps of the sweeps (latency correction)'
     )
@@ -50,12 +45,41 @@ class StationSettings:
     @property
     def owns_sweep(self) -> bool:
         """True where no other process publishes the station's settings, calibration and status."""
-        return self.source in ('recording', 'tcp', 'udp')
+        return self.source in Source.registry
 
     @property
     def has_feed(self) -> bool:
-        """True where a digitiser feeds the node."""
-        return self.source in ('tcp', 'udp')
+        """True where a digitiser feeds the node, which then holds the settings of the sweep."""
+        return self.owns_sweep and not Source.registry[self.source].brings_settings
+
+    def antenna_frame(self, station: str, given: str) -> str:
+        """Return the frame of the antenna of `station`: as set, else as `given` with the sweep, else the default."""
+        return self.frame_id or given or antenna_frame(station)
+
+
+@dataclasses.dataclass(frozen=True)
+class StationNames:
+    """A station's names in the graph."""
+
+    station: str
+    prefix: str  # before its own topics' last names
+    siblings: str  # before the names of its peers
+
+    @classmethod
+    def of(cls, station: str, namespace: str) -> 'StationNames':
+        """Return the names of a station whose node lives in `namespace`, which ends in the station's name or not."""
+        parent, _, last = namespace.rpartition('/')
+        if last != station:
+            return cls(station, f'{station}/', f'/{namespace}/' if namespace else '/')
+        return cls(station, '', f'/{parent}/' if parent else '/')
+
+    def own(self, topic: str) -> str:
+        """Return the name of one of the station's own topics."""
+        return self.prefix + topic
+
+    def of_peer(self, peer: str, topic: str) -> str:
+        """Return the name of a peer's topic."""
+        return f'{self.siblings}{peer}/{topic}'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +105,7 @@ class PairStationSettings:
 
 @dataclasses.dataclass(frozen=True)
 class SpectrumSettings:
-    """What is published besides the beat frequencies."""
+    """Which spectra are published."""
 
     spectrum: bool = parameter(True, description='publish magnitude spectra')
     spectrum_decimation: int = parameter(
@@ -98,7 +122,7 @@ class PairEstimatorSettings(EstimatorSettings):
 
 @dataclasses.dataclass(frozen=True)
 class Housekeeping:
-    """What a station's status tells; the fields of StationStatus."""
+    """A station's status; the fields of StationStatus."""
 
     station: str
     sweeps: int
@@ -111,18 +135,16 @@ class Housekeeping:
 
 
 def check_complete(settings: StationSettings) -> None:
-    """Raise ConfigurationError where a source lacks what only it needs."""
+    """Raise ConfigurationError where the station has no valid name, or a digitiser's source has no peer."""
     if not settings.station:
         raise ConfigurationError('station: give the name of the station (parameter station, or a namespace)')
     _check_name('station', settings.station)
-    if settings.source == 'recording' and not settings.recording:
-        raise ConfigurationError('recording: give the path of the recording that source recording plays')
     if settings.has_feed and not settings.peers:
         raise ConfigurationError(f'peer: source {settings.source} needs the name of at least one peer')
 
 
 def check_pair(settings: PairStationSettings) -> None:
-    """Raise ConfigurationError where the names are not those of two stations or more."""
+    """Raise ConfigurationError unless the names are those of two different stations or more."""
     for parameter_name, names in (('first', (settings.first,)), ('second', settings.seconds or ('',))):
         for name in names:
             if not name:
@@ -134,8 +156,13 @@ def check_pair(settings: PairStationSettings) -> None:
         raise ConfigurationError(f"second: a pair needs two stations, both are '{settings.first}'")
 
 
+def antenna_frame(station: str) -> str:
+    """Return the default frame of a station's antenna."""
+    return f'{station}_antenna'
+
+
 def is_station_name(name: str) -> bool:
-    """Return True for a name that can stand in a topic's."""
+    """Return True for a name that can be part of a topic's name."""
     return re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name) is not None
 
 

@@ -1,4 +1,4 @@
-"""What the nodes that evaluate sweeps share: settings and sweeps from topics, results out, warnings, diagnostics."""
+"""What all nodes that evaluate sweeps share: settings and sweeps from topics, results, warnings, diagnostics."""
 
 import collections
 import math
@@ -21,8 +21,10 @@ from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
 from .compression import CompressionError, decompress_message
-from .estimation import EstimatorSettings, Flag
-from .processing import Beat, EarlySweeps, Spectrum, StationProcessor, Sweep
+from .estimators.estimation import EstimatorSettings, Flag
+from .processing.early import EarlySweeps
+from .processing.processor import StationProcessor
+from .processing.records import Beat, Spectrum, Sweep
 from .station_settings import SpectrumSettings, is_station_name
 
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
@@ -30,10 +32,10 @@ _LATCHED_DEPTH = 32  # settings for so many peers
 
 
 class SweepNode(Node):
-    """Shell around a `StationProcessor`; a subclass says which topics it listens to and what it publishes."""
+    """Shell around a `StationProcessor`; a subclass chooses the topics."""
 
     def __init__(self, name: str, processor: StationProcessor, estimation: type = EstimatorSettings, **kwargs: Any):
-        """Declare the parameters that all share.
+        """Declare the parameters that all such nodes share.
 
         Args:
             name: of the node.
@@ -45,8 +47,10 @@ class SweepNode(Node):
             ConfigurationError: a value given at start is wrong.
         """
         super().__init__(name, **kwargs)
-        self._lock = threading.RLock()  # a source delivers in its own thread
-        self._processor = processor
+        self.lock = threading.RLock()
+        """Held while the processor works: a source delivers in its own thread."""
+        self.processor = processor
+        """Evaluates the sweeps."""
         self._estimation = SettingsParameters(self, estimation, on_change=self._change_estimation)
         processor.settings = self._estimation.value
         self._spectrum = SettingsParameters(self, SpectrumSettings)
@@ -56,6 +60,7 @@ class SweepNode(Node):
         self._results: dict[str, tuple[Any, Any]] = {}  # publishers of beats and spectra by station
         self._seen: dict[str, int] = {}
         self._last_report = (0, 0)
+        self._rate_time = time.monotonic()
         self._flags: collections.Counter[str] = collections.Counter()
         self._snr: collections.deque[float] = collections.deque(maxlen=1000)
         self._reported: dict[str, float] = {}
@@ -68,11 +73,10 @@ class SweepNode(Node):
         )
 
     def _start_diagnostics(self, hardware_id: str) -> Diagnostics:
-        """Begin to report; return where further tasks can be added."""
+        """Start the diagnostics; return them, so that further tasks can be added."""
         diagnostics = Diagnostics(self, hardware_id)
         diagnostics.add('Sweeps', self._diagnose_sweeps)
         diagnostics.add('Source', self._diagnose_source)
-        self._rate_time = time.monotonic()
         return diagnostics
 
     # --- settings, calibrations and sweeps from topics ---
@@ -107,19 +111,19 @@ class SweepNode(Node):
             self._take_sweeps([])
 
     def _add_sweep_config(self, settings: SweepSettings) -> None:
-        self._processor.add_sweep_config(settings)
+        self.processor.add_sweep_config(settings)
 
     def _take_calibration(self, message: StationCalibration) -> None:
         calibration = self._converted(message, Calibration, 'calibration')
         if calibration is not None:
-            self._processor.add_calibration(calibration)
+            self.processor.add_calibration(calibration)
             self._take_sweeps([])
 
     def _converted(self, message: Any, cls: type, topic: str) -> Any:
         try:
             return from_message(message, cls)
         except ConfigurationError as error:
-            self._warn(f'{topic}: {error}')
+            self.warn(f'{topic}: {error}')
             return None
 
     def _take_samples(self, messages: Sequence[IfSamples]) -> None:
@@ -133,9 +137,9 @@ class SweepNode(Node):
             try:
                 sweeps.append(decompress_message(message))
             except (CompressionError, ConfigurationError) as error:
-                self._processor.sweeps += 1
-                self._processor.dropped['damaged compressed sweep'] += 1
-                self._warn(f'compressed sweep {message.sweep_id} of {message.station}: {error}')
+                self.processor.sweeps += 1
+                self.processor.dropped['damaged compressed sweep'] += 1
+                self.warn(f'compressed sweep {message.sweep_id} of {message.station}: {error}')
         self._take_sweeps(sweeps)
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
@@ -152,9 +156,9 @@ class SweepNode(Node):
     def _evaluate(self, sweeps: Sequence[Sweep]) -> None:
         """Publish beat frequencies and, where wanted, spectra of a batch."""
         wanted = self._spectrum.value
-        with self._lock:
+        with self.lock:
             every = wanted.spectrum_decimation if wanted.spectrum else 0
-            beats, spectra = self._processor.process_with_spectra(sweeps, every)
+            beats, spectra = self.processor.process_with_spectra(sweeps, every)
         self._publish(beats, spectra)
 
     def _publish(self, beats: Sequence[Beat], spectra: Sequence[Spectrum] = ()) -> None:
@@ -165,24 +169,24 @@ class SweepNode(Node):
         self._note(beats)
 
     def _note(self, beats: Sequence[Beat]) -> None:
-        """Keep what the diagnostics tell."""
+        """Keep what the diagnostics report."""
         for beat in beats:
             self._snr.append(beat.snr)
             if beat.flags:
                 for flag in Flag(beat.flags):
-                    self._flags[flag.name] += 1
-        dropped = self._processor.dropped
+                    self._flags[str(flag.name)] += 1
+        dropped = self.processor.dropped
         if dropped.total() != sum(self._seen.values()):
             for reason, count in dropped.items():
                 if count != self._seen.get(reason, 0):
-                    self._warn(f'sweeps dropped: {reason}')
+                    self.warn(f'sweeps dropped: {reason}')
             self._seen = dict(dropped)
 
     def _change_estimation(self, settings: EstimatorSettings) -> None:
-        with self._lock:
-            self._processor.settings = settings
+        with self.lock:
+            self.processor.settings = settings
 
-    def _warn(self, text: str) -> None:
+    def warn(self, text: str) -> None:
         """Log a warning, the same one at most every ten seconds."""
         now = time.monotonic()
         if now - self._reported.get(text, -math.inf) > _REPORT_INTERVAL:
@@ -191,11 +195,15 @@ class SweepNode(Node):
             self._reported[text] = now
             self.get_logger().warning(text)
 
+    def now(self) -> int:
+        """Return the time of the node's clock [ns]."""
+        return int(self.get_clock().now().nanoseconds)
+
     # --- once a second ---
 
     def _diagnose_sweeps(self, status: Status) -> None:
-        with self._lock:
-            processor = self._processor
+        with self.lock:
+            processor = self.processor
             sweeps, dropped = processor.sweeps, processor.dropped.total()
             now = time.monotonic()
             new, lost = sweeps - self._last_report[0], dropped - self._last_report[1]
@@ -229,15 +237,10 @@ class SweepNode(Node):
                 status.report(WARN, f'nobody publishes {topic}')
 
 
-def antenna_frame(station: str) -> str:
-    """Return the frame of a station's antenna where nobody names one."""
-    return f'{station}_antenna'
-
-
 def run_named(
     node_class: type, stations: Mapping[str, str | None], config: str | None, ros_arguments: Sequence[str]
 ) -> int:
-    """Run a node under the name of the station it is for; return the exit status.
+    """Run a node in the namespace of its station; return the exit status.
 
     Args:
         node_class: as `drfmcw_ros.runner.run` takes it.
@@ -262,6 +265,6 @@ def run_named(
     assigned = dict(a.split(':=', 1) for a in [*ros_arguments, *extra] if ':=' in a)
     name = assigned.get(next(iter(stations)), '').strip('"\'')
     if '__ns' not in assigned and is_station_name(name):
-        extra += ['-r', f'__ns:=/{name}']  # its nodes and services under its own name
+        extra += ['-r', f'__ns:=/{name}']  # so that several stations can run on one machine
     arguments = ['--ros-args', *(a for a in ros_arguments if a not in ('--ros-args', '--')), *extra]
     return run(node_class, arguments)

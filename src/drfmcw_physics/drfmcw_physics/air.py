@@ -4,15 +4,18 @@ The default is ITU-R P.453-14. The paper's eq. 23 is kept as printed, to show wh
 belongs to hPa while the pressures are in kPa, so humid air comes out up to 60 ppm short (docs/paper_errata.md).
 """
 
+from typing import Any
+
 import numpy as np
 
 from .constants import ZERO_CELSIUS
+from .quantities import Quantity
 
 MODELS = ('itu_r_p453', 'paper_eq23_as_printed', 'paper_eq23_corrected')
 """Names of the selectable models of the refractive index."""
 
 
-def saturation_vapour_pressure(temperature, pressure):
+def saturation_vapour_pressure(temperature: Quantity, pressure: Quantity) -> Any:
     """Return the saturation water-vapour pressure over water [hPa], ITU-R P.453-14 eqs. 9 and 10.
 
     Args:
@@ -24,7 +27,9 @@ def saturation_vapour_pressure(temperature, pressure):
     return enhancement * 6.1121 * np.exp((18.678 - t / 234.5) * t / (t + 257.14))
 
 
-def refractive_index(temperature, pressure, relative_humidity, model: str = 'itu_r_p453'):
+def refractive_index(
+    temperature: Quantity, pressure: Quantity, relative_humidity: Quantity, model: str = 'itu_r_p453'
+) -> Any:
     """Return the refractive index of air [1].
 
     Args:

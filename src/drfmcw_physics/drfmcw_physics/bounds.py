@@ -9,6 +9,7 @@ covariance instead (generalised least squares), which gives the bound for every 
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.fft import dct
@@ -18,6 +19,7 @@ from scipy.signal import get_window
 from scipy.special import i0e
 
 from .phase_noise import PhaseNoise, combination_gain
+from .quantities import Quantity
 
 _POINTS = 2048  # of the window grid, about the samples of a sweep
 _OVERSAMPLING = 8  # of the transfer function's frequency grid
@@ -43,7 +45,7 @@ def additive_factor(window: str) -> float:
     return float(np.sqrt(np.sum(g**2) * _POINTS / 2.0) / (2.0 * np.pi))
 
 
-def additive_std(snr, duration: float, window: str = 'boxcar'):
+def additive_std(snr: Quantity, duration: float, window: str = 'boxcar') -> Any:
     """Return the standard deviation of the frequency of a tone in white noise [Hz].
 
     Args:
@@ -80,7 +82,7 @@ def phase_noise_std(noise: PhaseNoise, duration: float, window: str = 'boxcar', 
     return float(np.sqrt(density.sum() * step / duration**3))  # rad^2/Hz x (1/T) x (1/T)^2
 
 
-def image_noise_ratio(noise: PhaseNoise, frequency, duration: float, sample_rate: float):
+def image_noise_ratio(noise: PhaseNoise, frequency: Quantity, duration: float, sample_rate: float) -> Any:
     """Return the phase noise that a real IF's mirror line at -f puts onto the line, per line power, in a bin 1/T [1].
 
     At an offset of twice the line frequency the noise no longer cancels in the combination and acts as additive noise;

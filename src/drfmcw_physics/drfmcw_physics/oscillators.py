@@ -1,9 +1,14 @@
-"""A station's clocks and what their deviation does to the measured range (eqs. 7-13, 18-21)."""
+"""A station's clocks, and how their frequency offsets change the measured range (eqs. 7-13, 18-21)."""
 
 import dataclasses
 import math
+from typing import TypeVar
+
+import numpy as np
 
 from .settings import parameter
+
+Alpha = TypeVar('Alpha', float, np.ndarray)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +61,6 @@ def delay_from_beat_sum(beat_sum: float, chirp_rate: float, alpha_first: float, 
     return beat_sum / (chirp_rate * (alpha_first**2 + alpha_second**2))
 
 
-def range_bias(true_range: float, alpha_first: float, alpha_second: float) -> float:
+def range_bias(true_range: float, alpha_first: Alpha, alpha_second: Alpha) -> Alpha:
     """Return the range error that uncompensated references cause, eqs. 20 and 21 [m]: measured minus true."""
     return true_range * (alpha_first**2 + alpha_second**2 - 2.0) / 2.0

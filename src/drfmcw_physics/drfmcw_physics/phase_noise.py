@@ -2,8 +2,11 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
+
+from .quantities import Quantity
 
 LEVEL_OFFSET = 100e3
 """Offset at which StationCalibration states the level [Hz]."""
@@ -26,16 +29,16 @@ class PhaseNoise:
         """Single side-band density inside the loop, L(0) [1/Hz]."""
         return 10.0 ** (self.level / 10.0) * (1.0 + (LEVEL_OFFSET / self.corner) ** 2)
 
-    def single_sideband(self, offset):
+    def single_sideband(self, offset: Quantity) -> Any:
         """Return L(offset) [1/Hz], offset in Hz (IEEE Std 1139)."""
         return self.plateau / (1.0 + (np.asarray(offset) / self.corner) ** 2)
 
-    def phase_density(self, offset):
+    def phase_density(self, offset: Quantity) -> Any:
         """Return the one-sided phase density S_phi = 2 L [rad^2/Hz] (IEEE Std 1139)."""
         return 2.0 * self.single_sideband(offset)
 
 
-def combination_gain(frequency, delay):
+def combination_gain(frequency: Quantity, delay: Quantity) -> Any:
     """Return 4 sin^2(pi f tau): power gain of an oscillator's phase noise through the combination of both stations.
 
     Args:

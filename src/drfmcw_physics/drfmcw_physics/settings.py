@@ -9,7 +9,7 @@ import difflib
 import math
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ class Parameter:
     unit: str
     description: str
     bounds: tuple[float, float] = (-math.inf, math.inf)
-    choices: tuple[str, ...] = ()
+    choices: Collection[str] = ()
     nan_means: str = ''  # what NaN stands for ('' = NaN is refused)
     structural: bool = False  # cannot be changed while a node runs
 
@@ -40,7 +40,7 @@ def parameter(
     unit: str = '1',
     description: str,
     bounds: tuple[float, float] = (-math.inf, math.inf),
-    choices: Sequence[str] = (),
+    choices: Collection[str] = (),
     nan_means: str = '',
     structural: bool = False,
 ) -> Any:
@@ -51,11 +51,13 @@ def parameter(
         unit: SI unit or the unit of the field, '1' for none.
         description: one sentence, shown in documentation and by ``ros2 param describe``.
         bounds: smallest and largest valid value, both valid.
-        choices: the valid strings, where the field is a string.
+        choices: the valid strings, where the field is a string. The keys of a mapping (a registry) stay live: what is
+            registered later is valid too.
         nan_means: what NaN stands for; left empty, NaN is refused.
         structural: True where a running node cannot change it.
     """
-    declared = Parameter(unit, description, bounds, tuple(choices), nan_means, structural)
+    valid = choices if isinstance(choices, Mapping) else tuple(choices)
+    declared = Parameter(unit, description, bounds, valid, nan_means, structural)
     metadata = {_METADATA: declared}
     if isinstance(default, (list, dict)):
         return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
@@ -67,14 +69,14 @@ def declared_parameters(cls: type) -> dict[str, tuple[dataclasses.Field, Paramet
     return {f.name: (f, f.metadata[_METADATA]) for f in dataclasses.fields(cls) if _METADATA in f.metadata}
 
 
-def nearest(word: str, valid: Sequence[str]) -> str:
+def nearest(word: str, valid: Collection[str]) -> str:
     """Return ' (did you mean ...?)' with the valid word nearest to `word`, or a list of all where none is near."""
     close = difflib.get_close_matches(str(word), [str(v) for v in valid], n=1, cutoff=0.6)
     return f"; did you mean '{close[0]}'?" if close else f'; valid: {", ".join(map(str, valid))}'
 
 
 def check_value(name: str, value: Any, kind: Any, declared: Parameter, where: str = '') -> Any:
-    """Return `value` converted to `kind` (float, int, bool, str or a list of one of them).
+    """Return `value` converted to `kind`: float, int, bool, str, a list or tuple of these, or None where allowed.
 
     Args:
         name: of the setting, for the message.
@@ -86,49 +88,74 @@ def check_value(name: str, value: Any, kind: Any, declared: Parameter, where: st
     Raises:
         ConfigurationError: wrong type, outside the bounds, not among the choices, NaN or infinite.
     """
-    prefix = f'{where}: ' if where else ''
+    label = f'{where}: {name}' if where else name
     origin = typing.get_origin(kind)
     if origin in (list, tuple):
         if isinstance(value, str) or not isinstance(value, Sequence):
-            raise ConfigurationError(f'{prefix}{name} must be a list, not {value!r}')
+            raise ConfigurationError(f'{label} must be a list, not {value!r}')
         item_kind = typing.get_args(kind)[0]
         return origin(check_value(f'{name}[{i}]', v, item_kind, declared, where) for i, v in enumerate(value))
     if origin in (typing.Union, types.UnionType):
         if value is None:
             return None
         kind = next(k for k in typing.get_args(kind) if k is not type(None))
-    if kind is bool:
-        if not isinstance(value, bool):
-            raise ConfigurationError(f'{prefix}{name} must be true or false, not {value!r}')
-        return value
-    if kind is str:
-        if not isinstance(value, str):
-            raise ConfigurationError(f'{prefix}{name} must be a string, not {value!r}')
-        if declared.choices and value not in declared.choices:
-            raise ConfigurationError(f"{prefix}{name}: '{value}' is not valid{nearest(value, declared.choices)}")
-        return value
-    if kind not in (int, float):
-        return value
+    check = _CHECKS.get(kind)
+    return value if check is None else check(label, value, declared)
+
+
+def _boolean(label: str, value: Any, declared: Parameter) -> bool:
+    if not isinstance(value, bool):
+        raise ConfigurationError(f'{label} must be true or false, not {value!r}')
+    return value
+
+
+def _string(label: str, value: Any, declared: Parameter) -> str:
+    if not isinstance(value, str):
+        raise ConfigurationError(f'{label} must be a string, not {value!r}')
+    if declared.choices and value not in declared.choices:
+        raise ConfigurationError(f"{label}: '{value}' is not valid{nearest(value, declared.choices)}")
+    return value
+
+
+def _number(label: str, value: Any, declared: Parameter) -> float:
+    """Return an int or a float; as it is, because a large int would lose digits as a float."""
     if isinstance(value, str):  # YAML 1.1 reads 5725e6 as a string
         try:
             value = float(value)
         except ValueError:
-            raise ConfigurationError(f'{prefix}{name} must be a number, not {value!r}') from None
+            raise ConfigurationError(f'{label} must be a number, not {value!r}') from None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ConfigurationError(f'{prefix}{name} must be a number, not {value!r}')
+        raise ConfigurationError(f'{label} must be a number, not {value!r}')
     if math.isnan(value):
         if declared.nan_means:
-            return float(value)
-        raise ConfigurationError(f'{prefix}{name} must be a number, not NaN')
+            return value
+        raise ConfigurationError(f'{label} must be a number, not NaN')
     low, high = declared.bounds
     unit = '' if declared.unit == '1' else f' {declared.unit}'
     if not (low <= value <= high) or math.isinf(value):
-        raise ConfigurationError(f'{prefix}{name} = {value:g}{unit} is outside {low:g} ... {high:g}{unit}')
-    if kind is int:
-        if value != int(value):
-            raise ConfigurationError(f'{prefix}{name} must be a whole number, not {value!r}')
-        return int(value)
-    return float(value)
+        raise ConfigurationError(f'{label} = {value:g}{unit} is outside {low:g} ... {high:g}{unit}')
+    return value
+
+
+def _float(label: str, value: Any, declared: Parameter) -> float:
+    return float(_number(label, value, declared))
+
+
+def _integer(label: str, value: Any, declared: Parameter) -> float:
+    number = _number(label, value, declared)
+    if math.isnan(number):
+        return number
+    if number != int(number):
+        raise ConfigurationError(f'{label} must be a whole number, not {number!r}')
+    return int(number)
+
+
+_CHECKS: dict[Any, Callable[[str, Any, Parameter], Any]] = {
+    bool: _boolean,
+    str: _string,
+    float: _float,
+    int: _integer,
+}
 
 
 def from_mapping(cls: type, mapping: Mapping[str, Any] | None, where: str) -> Any:
@@ -157,7 +184,7 @@ def from_mapping(cls: type, mapping: Mapping[str, Any] | None, where: str) -> An
                 raise ConfigurationError(f"{where}: key '{name}' is missing")
             continue
         value, kind = mapping[name], hints[name]
-        if dataclasses.is_dataclass(kind):
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
             values[name] = from_mapping(kind, value, f'{where}: {name}')
         else:
             values[name] = check_value(name, value, kind, field.metadata.get(_METADATA, Parameter('1', '')), where)

@@ -102,8 +102,8 @@ def is_separable(record: Record) -> bool:
     return not record['truth']['rivals']
 
 
-def stations_told(records: Sequence[Record]) -> list[Record]:
-    """Return single effects of one station, found and named, whose station the data tell."""
+def stations_determined(records: Sequence[Record]) -> list[Record]:
+    """Return single effects of one station, found and named, whose station the data determine."""
     return [
         r for r in of(records, 'single', 'strong', least=8.0)
         if is_separable(r) and is_named(r) and r['truth']['effects'][-1]['station'] is not None
@@ -169,7 +169,7 @@ def rate(records: Sequence[Record], is_so: Callable[[Record], bool]) -> Rate:
 
 
 def threshold(places: int, rate_: float = 0.01) -> float:
-    """Return the threshold of a matched filter of either sign among so many places, at a false-alarm rate."""
+    """Return the threshold of a matched filter of either sign over so many grid points, at a false-alarm rate."""
     return float(stats.norm.isf(0.5 * rate_ / places))
 
 
@@ -179,9 +179,9 @@ def theoretical_power(d: np.ndarray, threshold_: float) -> np.ndarray:
 
 
 def places(records: Sequence[Record]) -> int:
-    """Return how many places a search tries, the prototype's where no finding tells."""
-    told = [r['finding']['places'] for r in records if r['finding'] and r['finding'].get('places')]
-    return int(np.median(told)) if told else _PROTOTYPE_PLACES
+    """Return how many positions a search tries; the prototype's if no finding states it."""
+    stated = [r['finding']['places'] for r in records if r['finding'] and r['finding'].get('places')]
+    return int(np.median(stated)) if stated else _PROTOTYPE_PLACES
 
 
 def of_power(records: Sequence[Record]) -> list[Record]:
@@ -243,7 +243,7 @@ def _detection(records: Sequence[Record]) -> Goal:
     tried = places(records)
     to_90 = float(stats.norm.ppf(0.9))
     theory = threshold(tried) + to_90
-    what, goal = 'd for 90 % detection', f'<= {1.1 * theory:.2f} (1.1 of theory at {tried} places, {theory:.2f})'
+    what, goal = 'd for 90 % detection', f'<= {1.1 * theory:.2f} (1.1 of theory at {tried} positions, {theory:.2f})'
     found = measured_threshold(records)
     if found is None:
         known = of_power(records)
@@ -298,7 +298,8 @@ def goals(records: Sequence[Record]) -> list[Goal]:
         _of_rate('pairs, both d >= 50, exact', '>= 90 %', rate(of(records, 'strong_pair'), is_right), 0.9),
         _of_rate('outside the registry, d >= 10, unexplained, not imitated', '>= 95 %',
                  rate(judged(of(records, 'outside', least=10.0)), is_right), 0.95),
-        _of_rate('which station, named, d >= 8, separable', '>= 95 %', rate(stations_told(records), is_right), 0.95),
+        _of_rate('which station, named, d >= 8, separable', '>= 95 %',
+                 rate(stations_determined(records), is_right), 0.95),
         _spread(records),
         _misfit(records),
         _times(records),
@@ -308,23 +309,23 @@ def goals(records: Sequence[Record]) -> list[Goal]:
         _of_rate('decoys', '-', rate(of(records, 'decoy'), is_right)),
         _of_rate('ambiguous by construction, called so', '-', rate(of(records, 'ambiguous'), is_right)),
         _of_rate('recommended measurements that decide, carried out', '-',
-                 rate([r for r in records if parted(r)], decides)),
+                 rate([r for r in records if separated(r)], decides)),
         _of_rate('follow-ups of ambiguous cases that decide', '-', rate(of(records, 'decided'), is_right)),
     ]  # fmt: skip
 
 
-def parted(record: Record) -> list[float] | None:
-    """Return by how much the recommended measurement, carried out, parts the truth, if named, from its rivals."""
+def separated(record: Record) -> list[float] | None:
+    """Return by how much the recommended measurement, carried out, separates the truth, if named, from its rivals."""
     judged = record['judgement']
     if judged.get('truth') not in judged['named']:
         return None
-    found = [p for p in record.get('parted') or [] if p is not None]
+    found = [p for p in record.get('separated') or [] if p is not None]
     return found or None
 
 
 def decides(record: Record) -> bool:
-    """Return whether the recommended measurement parts the truth from every rival named."""
-    return min(parted(record) or [0.0]) >= SEPARABLE
+    """Return whether the recommended measurement separates the truth from every rival named."""
+    return min(separated(record) or [0.0]) >= SEPARABLE
 
 
 def nearest_to_truth(record: Record) -> str:
@@ -332,5 +333,4 @@ def nearest_to_truth(record: Record) -> str:
     apart = record['judgement'].get('apart') or [None]
     if apart[0] is None:
         return ''
-    how = 'cannot be told from' if apart[0] < SEPARABLE else 'apart from'
-    return f'; {apart[0]:.1f} sigma {how} the truth'
+    return f'; {apart[0]:.1f} sigma from the truth' + (', not separable' if apart[0] < SEPARABLE else '')

@@ -1,4 +1,4 @@
-"""Judges a finding by the truth that was sealed: pure rules over two JSON objects."""
+"""Judges a finding against the sealed truth: pure rules over two JSON objects."""
 
 import collections
 import dataclasses
@@ -9,11 +9,11 @@ from typing import Any
 OUTCOMES = ('right', 'undecided', 'unnamed', 'imitated', 'wrong', 'missed', 'failed')
 """What a finding can be worth.
 
-right: the verdict and every effect with its station, or 'ambiguous' among what the data cannot tell apart; undecided:
-the truth is among the explanations named, but one recording would have told; unnamed: an effect of the registry was
-called unexplained; imitated: what the registry lacks was explained by effects of it whose data cannot be told from the
-truth's, so that nobody could have said "unexplained": neither right nor wrong; wrong: a name that is not the truth, or
-a mismatch where there is none; missed: a mismatch called consistent; failed: no finding at all.
+right: the verdict and every effect with its station, or 'ambiguous' among what the data cannot separate; undecided:
+the truth is among the explanations named, but the recording would have separated them; unnamed: an effect of the
+registry was called unexplained; imitated: an unregistered effect that is indistinguishable from a registered one, so
+that "unexplained" is impossible: neither right nor wrong; wrong: a name that is not the truth, or a mismatch where
+there is none; missed: a mismatch called consistent; failed: no finding at all.
 """
 
 TOLERATED_SHARE = 0.9
@@ -83,20 +83,20 @@ def keys(effects: Sequence[Mapping[str, Any]]) -> Explained:
 
 
 def judge(truth: Mapping[str, Any], finding: Mapping[str, Any], apart: Sequence[float | None] = ()) -> Judgement:
-    """Return what a finding is worth.
+    """Return how a finding compares with the truth.
 
     Args:
         truth: as sealed, see `proof.cases.Case.truth`.
         finding: as the tool wrote it, see `result.Diagnosis.as_object`.
-        apart: of each explanation in the finding, the chosen one first: how far from the data of the truth its own are,
-            in standard deviations by the generator, None where that is not known.
+        apart: distance of each explanation's data from the truth's, the chosen one first, in standard deviations as the
+            generator computes them; None where it is not known.
     """
     wanted = keys(truth['effects'])
     named: tuple[Explained, ...] = ()
     if finding['effects']:
         named = keys(finding['effects']), *(keys(a['effects']) for a in finding['alternatives'])
     alike = {n for n, d in zip(named, apart, strict=False) if d is not None and d < SEPARABLE}
-    alike = (alike | {keys(rival) for rival in truth['rivals']}) - {wanted}
+    alike = (alike | _rivals(truth)) - {wanted}
     outcome, reason = _outcome(truth, finding, wanted, named, alike)
     pulls: tuple[Pull, ...] = ()
     if named and named[0] == wanted:
@@ -109,41 +109,61 @@ def _outcome(
     finding: Mapping[str, Any],
     wanted: Explained,
     named: tuple[Explained, ...],
-    alike: set[Explained],  # what the data cannot tell from the truth
+    alike: set[Explained],  # that the data cannot separate from the truth
 ) -> tuple[str, str]:
     verdict = finding['verdict']
     if not wanted:
         return _of_null(truth, finding, named)
     if verdict == 'consistent':
         return 'missed', 'called consistent'
-    rivals = {keys(rival) for rival in truth['rivals']}
-    unknown = [e for e in truth['effects'] if not e['registered'] or e['effect'] in truth['without']]
-    if unknown:
-        if verdict == 'unexplained':
-            return 'right', 'unexplained, as it should be'
-        if alike >= set(named):
-            how = 'right' if rivals & set(named) else 'imitated'
-            return how, f'called {verdict} by what the data cannot tell from the truth'
-        return 'wrong', f'not in the registry, yet called {verdict}'
+    if any(not e['registered'] or e['effect'] in truth['without'] for e in truth['effects']):
+        return _of_unregistered(truth, verdict, named, alike)
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     if verdict == 'explained':
-        if named[0] in alike:
-            return 'wrong', 'one of several explanations that the data cannot tell apart, called the only one'
-        if named[0] != wanted:
-            return 'wrong', _difference(named[0], wanted)
-        if verdict not in truth['verdicts']:
-            return 'wrong', 'the truth, but called the only explanation where the data cannot tell'
-        return 'right', 'named'
+        return _of_explained(truth, wanted, named[0], alike)
+    return _of_ambiguous(truth, wanted, named, alike)
+
+
+def _of_unregistered(
+    truth: Mapping[str, Any], verdict: str, named: tuple[Explained, ...], alike: set[Explained]
+) -> tuple[str, str]:
+    if verdict == 'unexplained':
+        return 'right', 'unexplained, as it should be'
+    if alike >= set(named):
+        how = 'right' if _rivals(truth) & set(named) else 'imitated'
+        return how, f'called {verdict} by an effect that the data cannot separate from the truth'
+    return 'wrong', f'not in the registry, yet called {verdict}'
+
+
+def _of_explained(
+    truth: Mapping[str, Any], wanted: Explained, named: Explained, alike: set[Explained]
+) -> tuple[str, str]:
+    if named in alike:
+        return 'wrong', 'one of several explanations that the data cannot separate, called the only one'
+    if named != wanted:
+        return 'wrong', _difference(named, wanted)
+    if 'explained' not in truth['verdicts']:
+        return 'wrong', 'the truth, but called the only explanation although the data allow others'
+    return 'right', 'named'
+
+
+def _of_ambiguous(
+    truth: Mapping[str, Any], wanted: Explained, named: tuple[Explained, ...], alike: set[Explained]
+) -> tuple[str, str]:
     if wanted not in named:
         return 'wrong', 'ambiguous, the truth not among the explanations'
-    if rivals & set(named):
+    if _rivals(truth) & set(named):
         return 'right', 'ambiguous, the truth and its rivals named'
     if 'explained' not in truth['verdicts']:
         return 'wrong', 'ambiguous, none of the true rivals among the explanations'
     if alike >= set(named) - {wanted}:
-        return 'right', 'ambiguous, the truth among explanations that the data cannot tell apart'
+        return 'right', 'ambiguous, the truth among explanations that the data cannot separate'
     return 'undecided', 'ambiguous, the truth among the explanations'
+
+
+def _rivals(truth: Mapping[str, Any]) -> set[Explained]:
+    return {keys(rival) for rival in truth['rivals']}
 
 
 def _of_null(truth: Mapping[str, Any], finding: Mapping[str, Any], named: tuple[Explained, ...]) -> tuple[str, str]:
@@ -170,7 +190,7 @@ def _difference(found: Explained, wanted: Explained) -> str:
 
 
 def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> Iterator[Pull]:
-    """Yield the parameters that truth and finding both state; phases are left out, they tell the sign of a size."""
+    """Yield the parameters that truth and finding both state; phases are left out, they give the sign of a size."""
     for truth in truths:
         alike = [f for f in found if (f['effect'], f['station']) == (truth['effect'], truth['station'])]
         same = min(alike, key=lambda f: _distance(truth['parameters'], f['parameters']))
@@ -187,6 +207,6 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
 
 
 def _distance(true: Mapping[str, Any], stated: Mapping[str, Any]) -> float:
-    """Return by which part of their values the parameters differ that both state."""
+    """Return the sum of the relative differences of the parameters that both state."""
     shared = [(v, stated[n]['value']) for n, v in true.items() if n in stated and not isinstance(v, list)]
     return sum(abs(a - b) / max(abs(a), abs(b), 1e-30) for a, b in shared)

@@ -116,7 +116,7 @@ def _power(records: Sequence[Record]) -> Figure | None:
     d = np.linspace(0.0, _SHOWN, 301)
     places = figures.places(records)
     theory = figures.theoretical_power(d, figures.threshold(places))
-    axes.plot(d, theory, color=_GREY, label=f'matched filter, 1 % over {places} places')
+    axes.plot(d, theory, color=_GREY, label=f'matched filter, 1 % over {places} positions')
     measured = figures.measured_threshold(records)
     if measured is not None:
         axes.plot(d, figures.theoretical_power(d, measured[0]), '--', color=_BLUE, label='fitted to all cases')
@@ -168,13 +168,13 @@ def _pulls(records: Sequence[Record]) -> Figure | None:
     each.set_yticks(range(len(names)), names)
     each.set_xlim(-_CLIP - 0.5, _CLIP + 0.5)
     edges = np.arange(-_CLIP, _CLIP + 0.1, 0.5)
-    every.hist(clipped, edges, color='#9db4cb', density=True)
+    every.hist(clipped, edges.tolist(), color='#9db4cb', density=True)
     x = np.linspace(-_CLIP, _CLIP, 201)
     every.plot(x, stats.norm.pdf(x), color=_GREY, label='normal, as stated')
     every.set_yticks([])
     every.legend(loc='upper right', fontsize=8)
     for axes in (each, every):
-        axes.set_xlabel(f'error in stated deviations (beyond {_CLIP:g} drawn there)', fontsize=8)
+        axes.set_xlabel(f'error over its standard deviation (beyond {_CLIP:g} drawn there)', fontsize=8)
     figure.tight_layout()
     return figure
 
@@ -194,8 +194,8 @@ def _significance(records: Sequence[Record]) -> Figure | None:
         axes.step(values, share, where='post', lw=2.0 if kind == 'right' else 1.0, label=f'{kind} ({len(own)})')
     axes.set_xscale('log')
     axes.set_yscale('log')
-    axes.set_xlabel('significance stated')
-    axes.set_ylabel('share of nulls with no more')
+    axes.set_xlabel('stated significance')
+    axes.set_ylabel('share of nulls with at most this')
     axes.legend(loc='lower right', fontsize=8)
     return figure
 

@@ -7,16 +7,15 @@ import contextlib
 import dataclasses
 import fcntl
 import json
-import multiprocessing
 import os
 import shlex
 import shutil
 import sys
 import threading
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, TypeAlias
 
 import numpy as np
 from rich.console import Console
@@ -25,13 +24,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_study.trials import versions
+from drfmcw_ros.processes import Worker, WorkFailed
+from drfmcw_ros.versions import versions
 
 from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
 from .generator.recordings import Seal, open_seal
 from .judging import judge
 from .report import Run, write_report
-from .second_opinion import apart, parted
+from .second_opinion import apart, separated
 
 _PROG = 'drfmcw prove'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'ros', 'sim', 'node', 'fusion', 'diagnosis', 'proof'))
@@ -41,7 +41,7 @@ _MANIFEST, _LOCK = 'proof.json', '.lock'
 _PATIENCE = 1800.0  # for one diagnosis [s]
 
 QUICK_SHARE = 0.55
-"""Of the cases of --quick that have to be right: 8 of 12 were when it was set; one less may be for other libraries."""
+"""Share of the cases of --quick that must be right: 8 of 12 were when it was set; other libraries may miss one."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -49,13 +49,13 @@ def parser() -> argparse.ArgumentParser:
     result = Parser(
         prog=_PROG,
         description='Conceal effects in recordings by an independent generator, let the diagnosis find them from the '
-        'recordings alone, and report what it got right. The same command takes an interrupted run up again.',
+        'recordings alone, and report what it got right. The same command resumes an interrupted run.',
     )
     result.add_argument('--quick', action='store_true', help='a dozen small recordings instead of some hundreds')
     result.add_argument('--out', metavar='DIR', help='directory of results and report (build/prove/ of a checkout)')
-    result.add_argument('--cases', type=int, metavar='N', help='only the first N, a fair part of all groups and kinds')
+    result.add_argument('--cases', type=int, metavar='N', help='the first N only, a fair sample of all kinds')
     result.add_argument(
-        '--times', type=int, metavar='N', help='a list of N times as many of each kind: some hours each'
+        '--times', type=int, metavar='N', help='a list with N times as many of each kind; each N takes some hours'
     )
     result.add_argument('--groups', metavar='LIST', help=f'only these: {",".join(GROUPS)}')
     result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
@@ -76,8 +76,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def chosen(listed: Sequence[Plan], groups: Sequence[str], count: int | None, seed: int) -> tuple[Plan, ...]:
     """Return cases of some groups in the order in which they are run, the first `count` of them.
 
-    Groups take turns by their shares, the kinds within each one after the other, at random: however many cases are run,
-    they are a fair part of the list, and fewer are a part of more. What decides an ambiguous case follows it.
+    Groups take turns in proportion to their shares, and so do the kinds within each group, at random. However many
+    cases are run, they are a fair sample of the list, and a longer run contains a shorter one. The measurement that
+    decides an ambiguous case follows it.
     """
     random = np.random.default_rng([seed, len(listed)])
     following = {plan.follows.name: plan for plan in listed if plan.follows is not None}
@@ -90,8 +91,8 @@ def chosen(listed: Sequence[Plan], groups: Sequence[str], count: int | None, see
         for plan in shuffled:
             turns.append(met[plan.kind])
             met[plan.kind] += 1
-        for place, i in enumerate(np.argsort(turns, kind='stable')):
-            ranked.append((place / share, number, shuffled[i]))
+        for rank, i in enumerate(np.argsort(turns, kind='stable')):
+            ranked.append((rank / share, number, shuffled[i]))
     taken: list[Plan] = []
     for _, _, plan in sorted(ranked, key=lambda one: one[:2]):
         taken += [p for p in (plan, following.get(plan.name)) if p is not None and p.group in groups]
@@ -167,32 +168,40 @@ class _Interrupted(Exception):
     """The run ends before this case does."""
 
 
-def _alone(words: Sequence[str], said: Path) -> NoReturn:
-    """Run `drfmcw diagnose` in this process, which is for nothing else; what it says of errors goes to a file."""
-    os.setsid()  # Ctrl-C is for the process that asked for it, which ends the others
+def _alone(order: tuple[Sequence[str], Path]) -> Iterator[int]:
+    """Run `drfmcw diagnose` in this process, which is for nothing else; yield its exit status.
+
+    Args:
+        order: the words of its command line, and the file that gets its error messages.
+    """
+    words, said = order
     with open(os.devnull, 'w') as nowhere, open(said, 'w') as file:
         os.dup2(nowhere.fileno(), 1)
         os.dup2(file.fileno(), 2)
-    sys.exit(diagnose(words))
+    status = diagnose(words)
+    sys.stderr.flush()
+    yield status
+
+
+_Diagnosing: TypeAlias = Worker[tuple[Sequence[str], Path], int]
 
 
 class _Tries:
-    """Tries cases in threads; the tool itself runs in a process of its own that is told the recording's path alone."""
+    """Tries cases in threads; each diagnosis runs in a process of its own that knows the recording's path alone."""
 
     def __init__(self, results: Results, console: Console, keep: bool) -> None:
         self._results, self._console, self._keep = results, console, keep
         self._stop = threading.Event()
-        self._running: set[multiprocessing.process.BaseProcess] = set()
-        # a process that knows no case, but has all imported, starts those of the diagnoses
-        self._server = multiprocessing.get_context('forkserver')
-        self._server.set_forkserver_preload([name for name in sys.modules if name.startswith('drfmcw_')])
+        self._running: set[_Diagnosing] = set()
+        # a server that knows no case, but has all imported, starts the processes of the diagnoses
+        self._preload = [name for name in sys.modules if name.startswith('drfmcw_')]
         self._making = threading.Lock()
 
     def stop(self) -> None:
         """End the processes at work; cases that are not finished are not stored."""
         self._stop.set()
-        for process in list(self._running):
-            process.terminate()
+        for worker in list(self._running):
+            worker.kill()
 
     def one(self, plan: Plan) -> dict[str, Any]:
         """Conceal, announce, find, open the seal, judge, store.
@@ -221,7 +230,7 @@ class _Tries:
             'truth': {k: v for k, v in truth.items() if k != 'condition'},
             'finding': finding,
             'judgement': judgement,
-            'parted': finding and parted(plan.condition, truth['effects'], finding),
+            'separated': finding and separated(plan.condition, truth['effects'], finding),
             'seconds': seconds,
         }
         self._results.store(record)
@@ -237,26 +246,29 @@ class _Tries:
         words = [str(recording), '--json', str(out), '--jobs', '1']
         if without:
             words += ['--without', ','.join(without)]
-        said, errors = out.with_suffix('.txt'), ''
+        said = out.with_suffix('.txt')
         said.touch()
-        process = self._server.Process(target=_alone, args=(words, said))
-        process.start()
-        self._running.add(process)
-        if self._stop.is_set():
-            process.terminate()
-        process.join(_PATIENCE)
-        if process.exitcode is None:
-            process.kill()
-            process.join()
-            errors = f'no finding after {_PATIENCE:g} s'
-        self._running.discard(process)
+        with Worker(_alone, start='forkserver', preload=self._preload) as worker:
+            self._running.add(worker)
+            failure = '' if self._stop.is_set() else _failure(worker, words, said)
+            self._running.discard(worker)
         if self._stop.is_set():
             raise _Interrupted
-        errors = errors or said.read_text(encoding='utf-8').strip()
         said.unlink()
-        if process.exitcode:
-            return None, (errors.splitlines() or [f'exit status {process.exitcode}'])[-1]
-        return json.loads(out.read_text(encoding='utf-8')), ''
+        return (None, failure) if failure else (json.loads(out.read_text(encoding='utf-8')), '')
+
+
+def _failure(worker: _Diagnosing, words: Sequence[str], said: Path) -> str:
+    """Run a diagnosis; return why it failed, '' where it did not."""
+    try:
+        worker.give((words, said))
+        [status] = worker.results(_PATIENCE)
+    except WorkFailed as error:
+        return str(error)
+    except Exception as error:  # whatever the diagnosis raises is an outcome of the case
+        return f'{type(error).__name__}: {error}'
+    lines = said.read_text(encoding='utf-8').strip().splitlines() or [f'exit status {status}']
+    return lines[-1] if status else ''
 
 
 def _judged(record: dict[str, Any]) -> dict[str, Any]:
@@ -293,7 +305,7 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]
     groups = list(GROUPS) if arguments.groups is None else [g.strip() for g in arguments.groups.split(',')]
     for group in groups:
         if group not in GROUPS:
-            raise ConfigurationError(f"--groups: unknown group '{group}'{nearest(group, GROUPS)}")
+            raise ConfigurationError(f"--groups: unknown group '{group}'{nearest(group, list(GROUPS))}")
     if arguments.quick and arguments.times is not None:
         raise ConfigurationError('--times: --quick has one list of its own')
     return {
@@ -356,8 +368,8 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
     for folder in filter(None, (out, documents)):
         write_report(folder, run, records)
     right = sum(record['judgement']['outcome'] == 'right' for record in records)
-    place = (documents or out) / 'proof.md'
-    console.print(f'{place}: {right} of {len(records)} right', highlight=False, soft_wrap=True)
+    report = (documents or out) / 'proof.md'
+    console.print(f'{report}: {right} of {len(records)} right', highlight=False, soft_wrap=True)
     return int(arguments.quick and right < QUICK_SHARE * len(records))
 
 

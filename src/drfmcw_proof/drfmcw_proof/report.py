@@ -46,7 +46,7 @@ def write_report(folder: Path, run: Run, records: Sequence[Record]) -> None:
     """Write folder/proof.md and its plots.
 
     Raises:
-        ConfigurationError: the place cannot be written.
+        ConfigurationError: the folder cannot be written.
     """
     plots = folder / _PLOTS
     try:
@@ -71,7 +71,7 @@ def document(run: Run, records: Sequence[Record], drawn: Collection[str]) -> str
         ('False alarms', _alarms(records), (('nulls', 'Significance of recordings that conceal nothing'),)),
         ('Effects by size', _sizes(records),
          (('power', 'Share detected against d'), ('identification', 'Named, given detection, against d'))),
-        ('Confusion', _CONFUSION, (('confusion', 'What was named for what was concealed'),)),
+        ('Confusion', _CONFUSION, (('confusion', 'Effects concealed and effects named'),)),
         ('Parameters', _parameters(records), (('pulls', 'Pulls'),)),
         ('Two effects', _rates_by(records, ('pair', 'strong_pair'), _PAIRS), ()),
         ('Outside the registry', _rates_by(records, ('outside',), _OUTSIDE, _kind), ()),
@@ -97,10 +97,10 @@ def _wrapped(text: str) -> str:
 
 def _what(run: Run, records: Sequence[Record]) -> str:
     text = (
-        'Recordings by a generator that shares no forward code with simulator and diagnosis '
-        '(`drfmcw_proof`). The truth of each is sealed and its '
-        'SHA-256 announced before the diagnosis starts, in a process of its own that is given nothing but the '
-        "recording's path (and, where effects are left out of the search, `--without`); the seal is opened after.\n\n"
+        'An independent generator (`drfmcw_proof`) makes the recordings; it shares no forward code with simulator and '
+        'diagnosis. The truth of each recording is sealed, and its SHA-256 is published before the diagnosis starts. '
+        "The diagnosis runs in a process of its own that gets only the recording's path (and `--without` if effects "
+        'are left out of the search). The seal is opened afterwards.\n\n'
         '| | |\n|---|---|\n'
         f'| command | `{run.command}` |\n| list | {_list(run)}, {run.listed} cases |\n| cases run | {len(records)} |\n'
         f'| seed | {run.seed} |\n| code | '
@@ -112,15 +112,15 @@ def _what(run: Run, records: Sequence[Record]) -> str:
     if run.extent == 'quick':
         text += (
             '\n\n**This is a quick run, of small recordings (14 x 8 sweep pairs). The full proof (`./drfmcw prove`) '
-            'has not been made.** So few cases show that the chain works and where it fails; they measure no rate. '
-            f'`./drfmcw prove --quick` ends with status 1 where fewer than {run.quick_share:.0%} are right.'
+            'has not been run.** So few cases show that the chain works and where it fails; they measure no rate. '
+            f'`./drfmcw prove --quick` ends with status 1 if fewer than {run.quick_share:.0%} are right.'
         )
     elif len(records) < run.listed:
         text += (
             f'\n\n**These are {len(records)} of the {run.listed} cases of the list ({_list(run)}), '
-            f'{len(records) / run.listed:.1%}; the others have not been made**; the intervals tell how little so few '
-            'cases measure. Which cases are run first is decided by the seed: groups take turns, and in each group the '
-            'effects.'
+            f'{len(records) / run.listed:.1%}; the others have not been run.** The intervals show how little so few '
+            'cases measure. The seed decides the order of the cases: groups take turns, and so do the effects in each '
+            'group.'
         )
     else:
         text += f'\n\nThese are all {run.listed} cases of the list ({_list(run)}).'
@@ -140,7 +140,7 @@ def _goals(records: Sequence[Record]) -> str:
     head = ('what', 'goal', 'measured', '95 % interval', 'met')
     return (
         _table(head, (goal.row for goal in figures.goals(records)))
-        + '\n\nmet: yes or no where the whole interval lies on that side of the goal, open where more cases are needed.'
+        + '\n\nmet: "yes" or "no" if the whole interval lies on that side of the goal, "open" if more cases are needed.'
     )
 
 
@@ -154,13 +154,13 @@ def _groups(records: Sequence[Record]) -> str:
             rows.append((group, str(len(own)), *(str(counts[o]) for o in OUTCOMES), right))
     text = _table(('group', 'n', *OUTCOMES, 'share right (95 % interval)'), rows)
     return text + (
-        '\n\nright: verdict, every effect and its station, or ambiguous among what the data cannot tell apart; '
-        'undecided: called ambiguous, the truth among the explanations, where one recording tells; unnamed: an effect '
-        'of the registry called unexplained; imitated: what the registry lacks was explained by effects of it whose '
-        'data cannot be told from the truth, so that nobody could have called it unexplained (neither right nor '
-        'wrong, and left out of the share right); wrong: a name that is not the truth, or a mismatch where there is '
-        'none; missed: a mismatch called consistent; failed: no finding. What the data tell apart is decided by the '
-        f'generator: explanations whose recordings differ by at least {SEPARABLE:g} sigma.'
+        '\n\nright: verdict, every effect and its station are right, or the finding is ambiguous among explanations '
+        'that the data cannot separate. undecided: called ambiguous with the truth among the explanations, although '
+        'the recording separates them. unnamed: an effect of the registry called unexplained. imitated: an '
+        'unregistered effect that is indistinguishable from a registered one, so "unexplained" is impossible (neither '
+        'right nor wrong, and not in the share right). wrong: a name that is not the truth, or a mismatch where there '
+        'is none. missed: a mismatch called consistent. failed: no finding. The generator decides what the data can '
+        f'separate: explanations whose recordings differ by at least {SEPARABLE:g} sigma.'
     )
 
 
@@ -180,10 +180,10 @@ def _alarms(records: Sequence[Record]) -> str:
     rows += [('**wrong noise shapes together**', shapes)] * bool(shapes) + [('**all of group null**', own)] * bool(own)
     cells = [(name, str(rate(cases, is_alarm)), str(rate(cases, figures.detected))) for name, cases in rows]
     return _table(('recordings without an effect', 'false alarms', 'any mismatch'), cells) + (
-        '\n\nA wrong noise shape, outliers and drift are mismatches themselves: naming or locating just them is no '
-        f'false alarm, if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess. Significances '
-        'of recordings with the right noise should follow the straight line: above it alarms come too often, below it '
-        'too rarely. The others do hold something significant.'
+        '\n\nA wrong noise shape, outliers and drift are mismatches themselves. Naming or locating just them is no '
+        f'false alarm if other levels hold no more than {1.0 - TOLERATED_SHARE:.0%} of the excess. Significances '
+        'of recordings with the right noise should follow the straight line; above it alarms are too frequent, below '
+        'it too rare. The other recordings hold a significant mismatch.'
     )
 
 
@@ -210,18 +210,17 @@ def _sizes(records: Sequence[Record]) -> str:
     rows = [(kind, *cells(own, is_right)) for kind, own in by(singles, lambda r: r['kind']).items()]
     rows.append(('**all: right**', *cells(singles, is_right)))
     rows.append(('**all: detected**', *cells(singles, figures.detected)))
-    return 'd is the matched signal-to-noise of what is concealed. Cells: right of those run.\n\n' + _table(
-        ('effect', *map(head, used)), rows
-    )
+    words = 'd is the matched signal-to-noise of the concealed effect. Cells: right findings of the cases run.\n\n'
+    return words + _table(('effect', *map(head, used)), rows)
 
 
-_CONFUSION = 'Rows: what was concealed. Columns: the explanation that the finding puts first.'
+_CONFUSION = 'Rows: the concealed effects. Columns: the first explanation of the finding.'
 
 
 def _parameters(records: Sequence[Record]) -> str:
     pulls = figures.pulls(records)
     if not pulls:
-        return 'No effect was named rightly, so that there is nothing to compare.'
+        return 'No effect was named correctly, so there is nothing to compare.'
     by_name = collections.defaultdict(list)
     for p in pulls:
         by_name[p['effect'], p['parameter']].append(p['pull'])
@@ -236,27 +235,28 @@ def _parameters(records: Sequence[Record]) -> str:
         for k in (1.0, 2.0, 3.0)
     ]
     return (
-        'Pull: error in stated standard deviations, where the explanation put first is the truth; without phases.\n\n'
+        'Pull: error over its stated standard deviation, if the first explanation is the truth; without phases.\n\n'
         + _table(('effect', 'parameter', 'mean pull', 'std of pull', 'within 3'), rows)
-        + f'\n\nAll {len(every)}: root mean square {math.sqrt(np.mean(every**2)):.2f}, 1.48 times the median '
-        f'of the magnitudes {1.4826 * float(np.median(every)):.2f} (1 if the stated deviations are true).\n\n'
-        + _table(('within so many stated deviations', 'of normal errors', 'of these'), coverage)
+        + f'\n\nAll {len(every)}: root mean square {math.sqrt(np.mean(every**2)):.2f}; 1.48 times the median '
+        f'magnitude is {1.4826 * float(np.median(every)):.2f}. Both are 1 for correct standard deviations.\n\n'
+        + _table(('within (standard deviations)', 'normal errors', 'these errors'), coverage)
     )
 
 
 _PAIRS = (
-    'Cells: both named with their stations, or ambiguous among what the data cannot tell apart. d of the smaller one.'
+    'Right: both effects named with their stations, or ambiguous among explanations that the data cannot separate. d '
+    'is that of the smaller effect.'
 )
 _IMITATED = (
-    f' Imitated: all explanations named are effects of the registry that change the data as the truth does within '
-    f'{SEPARABLE:g} sigma, so that nobody could say "unexplained"; such cases are left out of the rate.'
+    f' Imitated: every explanation named changes the data as the truth does, to within {SEPARABLE:g} sigma, so '
+    '"unexplained" is impossible. Such cases are not in the rate.'
 )
-_OUTSIDE = 'Right is "unexplained": nothing in the registry does this.' + _IMITATED
+_OUTSIDE = 'Right is "unexplained": no effect of the registry does this.' + _IMITATED
 _LEFT_OUT = (
-    'Effects of the registry, while the tool is told to search without them. Right is "unexplained", or what changes '
-    'the data as they do.' + _IMITATED
+    'Effects of the registry, left out of the search. Right is "unexplained", or an effect that changes the data '
+    'equally.' + _IMITATED
 )
-_DECOYS = 'Conditions that look like a cause and are none; true causes beside innocent companions.'
+_DECOYS = 'Conditions that look like a cause but are none, and true causes beside unrelated conditions.'
 
 
 def _group(record: Record) -> str:
@@ -298,25 +298,24 @@ def _ambiguous(records: Sequence[Record]) -> str:
         return ''
     head = ('recording', 'truth', 'finding', 'recommended', 'carried out', 'follow-up and its finding', 'decides')
     return (
-        'The recommended measurement is carried out by the generator: by how much what it shows of the truth differs '
-        'from what it would show of each rival named. It decides from '
-        f'{SEPARABLE:g} sigma on. Each case is followed by a recording that must decide, with the same effects '
-        'concealed, under a fresh seal. A reference instrument that has been checked is known to be right: that '
-        'follow-up is searched without its effects, and holds nothing if the instrument was at fault.\n\n'
-        + _table(head, rows)
+        'The generator carries out the recommended measurement and determines by how much its result under the truth '
+        f'differs from its result under each rival named. It decides from {SEPARABLE:g} sigma on. A second recording '
+        'that must decide follows each case, with the same effects concealed under a new seal. A reference instrument '
+        'that has been checked is correct: that follow-up is searched without its effects, and conceals nothing if '
+        'the instrument was at fault.\n\n' + _table(head, rows)
     )
 
 
 def _recommended(record: Record) -> tuple[str, str]:
-    """Return what was recommended, and in words by how much it parts the truth from its rivals."""
+    """Return what was recommended, and in words by how much it separates the truth from its rivals."""
     measurement = (record['finding'] or {}).get('next_measurement')
     if not measurement:
         return '-', ''
-    parts = figures.parted(record)
-    if parts is None:
+    distances = figures.separated(record)
+    if distances is None:
         return measurement, 'not carried out'
-    told = sum(p >= SEPARABLE for p in parts)
-    return measurement, f'{told} of {len(parts)}, by {min(parts):.1f} sigma at least'
+    ruled_out = sum(d >= SEPARABLE for d in distances)
+    return measurement, f'{ruled_out} of {len(distances)}, by {min(distances):.1f} sigma at least'
 
 
 def _held_out(records: Sequence[Record]) -> str:
@@ -325,17 +324,18 @@ def _held_out(records: Sequence[Record]) -> str:
         return ''
     low, median, high = np.quantile(misfits, (0.05, 0.5, 0.95))
     return (
-        f'Misfit per degree of freedom on sweeps that were not fitted, {len(misfits)} findings "explained": median '
+        f'Misfit per degree of freedom on held-out sweeps, of {len(misfits)} findings "explained": median '
         f'{median:.3f}, from {low:.3f} to {high:.3f} in nine of ten, from {min(misfits):.3f} to {max(misfits):.3f} in '
-        'all. 1 where the model is right.'
+        'all. A correct model gives 1.'
     )
 
 
 def _time(records: Sequence[Record]) -> str:
     seconds = np.array([r['seconds'] for r in records])
     return (
-        f'Of one diagnosis, the start of its process included: median {np.median(seconds):.1f} s, longest '
-        f'{seconds.max():.1f} s, with as many at once as the command says and whatever else the machine did.'
+        f'Of one diagnosis, including the start of its process: median {np.median(seconds):.1f} s, longest '
+        f'{seconds.max():.1f} s, with as many processes at once as the command states, on a machine that also did '
+        'other work.'
     )
 
 
@@ -384,7 +384,7 @@ def _failures(records: Sequence[Record]) -> str:
     text = _table(('recording', 'truth', 'finding', 'judgement'), rows) if rows else ''
     if small:
         short = ', '.join(f'{r["name"]} ({r["judgement"]["truth"]}, d {figures.size(r):.1f})' for r in small)
-        text += f'\n\nMissed at d below {_SMALL:g}, where a matched filter finds few or not all: {short}.'
+        text += f'\n\nMissed at d below {_SMALL:g}, where even a matched filter misses some: {short}.'
     return text.strip()
 
 

@@ -34,7 +34,7 @@ def apart(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> l
     ]
 
 
-def parted(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> list[float | None] | None:
+def separated(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> list[float | None] | None:
     """Return by how much the recommended measurement, carried out, parts the truth from each explanation.
 
     As `apart`; None altogether where nothing is recommended, or nothing that the generator can make.
@@ -73,7 +73,7 @@ def _nearest(to_truth: Callable[[Effects], float], explanation: Effects, found: 
     """Return the distance after all parameters were moved to where it is smallest: one Newton's step on its square.
 
     The explanation was fitted to the noise too: by so much its data differ even where it acts as the truth does.
-    Differences over the stated deviations give slopes and curvatures, of every two parameters together.
+    Differences over the stated standard deviations give slopes and curvatures, of every two parameters together.
     """
     places = [
         (number, name)

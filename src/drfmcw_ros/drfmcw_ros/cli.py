@@ -47,7 +47,7 @@ def write_atomically(path: Path | str, content: str | bytes) -> None:
     """Write a file under a temporary name and rename it, so that a half-written one never stands under its name.
 
     Raises:
-        ConfigurationError: the place cannot be written.
+        ConfigurationError: the file cannot be written.
     """
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content

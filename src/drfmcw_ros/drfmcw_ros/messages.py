@@ -7,10 +7,13 @@ import array
 import dataclasses
 import functools
 import importlib
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
+
+T = TypeVar('T')
 
 NANOSECONDS = 1_000_000_000
 _SEQUENCE_CODES = {'int16': 'h', 'uint8': 'B', 'float': 'f', 'double': 'd'}
@@ -35,9 +38,9 @@ def message_class(name: str) -> type:
 
 
 @functools.cache
-def _converters(message_type: type) -> dict[str, Any]:
+def _converters(message_type: Any) -> dict[str, Callable[[Any], Any]]:
     """Return {field: function converting a Python value to what the field takes}."""
-    converters = {}
+    converters: dict[str, Callable[[Any], Any]] = {}
     for name, kind in message_type.get_fields_and_field_types().items():
         if kind.startswith('sequence<'):
             code = _SEQUENCE_CODES[kind[len('sequence<') : -1]]
@@ -79,11 +82,11 @@ def to_message(source: Any, message_type: type) -> Any:
 
 
 @functools.cache
-def _field_names(cls: type) -> tuple[str, ...]:
+def _field_names(cls: Any) -> tuple[str, ...]:
     return tuple(f.name for f in dataclasses.fields(cls) if f.init and f.name not in ('stamp', 'frame_id'))
 
 
-def from_message(message: Any, cls: type) -> Any:
+def from_message(message: Any, cls: Callable[..., T]) -> T:
     """Return the dataclass `cls` filled from a ROS or rosbags message of the same field names.
 
     Raises:

@@ -3,7 +3,7 @@
 import dataclasses
 import typing
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
@@ -11,10 +11,12 @@ from rclpy.parameter import Parameter as RosParameter
 
 from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters
 
+T = TypeVar('T')
+
 _LARGEST_INTEGER = 2**63 - 1
 
 
-class SettingsParameters:
+class SettingsParameters(Generic[T]):
     """Declares one ROS parameter per field of a settings dataclass and keeps the current value as that dataclass.
 
     Setting a parameter to a wrong value is refused with the reason; the dataclass changes as a whole or not at all.
@@ -23,10 +25,10 @@ class SettingsParameters:
     def __init__(
         self,
         node: Node,
-        cls: type,
-        defaults: Any = None,
+        cls: type[T],
+        defaults: T | None = None,
         prefix: str = '',
-        on_change: Callable[[Any], None] | None = None,
+        on_change: Callable[[T], None] | None = None,
     ) -> None:
         """Declare the parameters.
 
@@ -51,10 +53,11 @@ class SettingsParameters:
             descriptor = _descriptor(hints[name], declared)
             given = node.declare_parameter(self._prefix + name, _plain(hints[name], default), descriptor).value
             values[name] = check_value(self._prefix + name, given, hints[name], declared, node.get_name())
-        undeclared = {}
-        if defaults is not None:
-            undeclared = {f.name: getattr(defaults, f.name) for f in dataclasses.fields(cls) if f.name not in values}
-        self.value = cls(**undeclared, **values)
+        given_defaults: Any = defaults  # a dataclass, which `T` cannot say
+        fields = () if defaults is None else dataclasses.fields(given_defaults)
+        undeclared = {f.name: getattr(defaults, f.name) for f in fields if f.name not in values}
+        self.value: T = cls(**undeclared, **values)
+        """The current settings."""
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._accept)
 
@@ -66,11 +69,12 @@ class SettingsParameters:
             and parameter.name.startswith(self._prefix)
         }
 
-    def _converted(self, parameters: Sequence[RosParameter]) -> Any:
+    def _converted(self, parameters: Sequence[RosParameter]) -> T:
         changes = {
             name: check_value(name, value, *self._declared[name]) for name, value in self._changes(parameters).items()
         }
-        return dataclasses.replace(self.value, **changes)
+        current: Any = self.value  # a dataclass, which `T` cannot say
+        return dataclasses.replace(current, **changes)
 
     def _validate(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         try:

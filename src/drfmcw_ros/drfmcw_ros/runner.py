@@ -20,7 +20,7 @@ class Finished(Exception):
 
 
 def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kwargs: Any) -> int:
-    """Run one node until it is told to stop; return the exit status.
+    """Run one node until it finishes or a signal stops it; return the exit status.
 
     Args:
         node_class: node class or function returning a node; called with `kwargs`.
@@ -28,7 +28,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         kwargs: passed on.
 
     Returns:
-        0 after a clean end, 2 after a wrong configuration (said in one line on stderr).
+        0 after a clean end, 2 after a wrong configuration (one line on stderr names it).
     """
     rclpy.init(args=None if argv is None else [sys.argv[0], *argv], signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGINT, _stop)

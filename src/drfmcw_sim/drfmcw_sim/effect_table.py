@@ -17,9 +17,10 @@ from drfmcw_physics.settings import declared_parameters
 from drfmcw_physics.sweep import Mode
 from drfmcw_ros.parameter_tables import parameter_table
 
-from .effects import Effect
+from .effects import Effect, Of
+from .measurements import Measurements
 from .scenario import Scenario, scenario_from_mapping
-from .signal_model import Measurements, synthesise
+from .signal_model import synthesise
 from .timeline import Slots, Timeline
 
 _DISTANCES = (200.0, 1000.0)  # [m], short- and long-distance mode
@@ -59,7 +60,7 @@ def _section(name: str, cls: type[Effect]) -> str:
             '',
             _description(cls),
             '',
-            f'- Of: {cls.of}. Acts on: {cls.acts_on}.',
+            f'- Of: {cls.of}. Acts on: {cls.acts_on.words}.',
             f'- `{cls.formula}`',
             f'- The size below gives: {_range_error(cls)}.',
             '',
@@ -74,7 +75,7 @@ def _section(name: str, cls: type[Effect]) -> str:
 
 def example_of(cls: type[Effect]) -> dict[str, Any]:
     """Return the entry of a scenario's `effects` that switches an effect of typical size on."""
-    return {'effect': cls.name} | ({'station': _STATIONS[1]} if cls.of == 'station' else {}) | cls.example
+    return {'effect': cls.name} | ({'station': _STATIONS[1]} if cls.of is Of.STATION else {}) | cls.example
 
 
 def _scenario(effect: Mapping[str, Any] | None) -> Scenario:

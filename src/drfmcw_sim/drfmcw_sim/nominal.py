@@ -1,6 +1,6 @@
-"""What the settings of the sweep, the calibrations, the weather and the distance alone make of a pair's measurements.
+"""Nominal measurements of a pair: sweep settings, calibrations, weather and distance, without any effect.
 
-The simulator lets its effects act on this; the diagnosis compares a recording with it.
+The simulator applies its effects to them; the diagnosis compares recordings with them.
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
 
-from .signal_model import Measurements, Path, Station
+from .measurements import Measurements, Path, Station
 
 NEAREST = 0.1
-"""Distance below which the link budget does not grow any more [m]."""
+"""Distance below which the received power does not grow any more [m]."""
 
 
 def link_budget(sweep: SweepSettings, peer: SweepSettings, distance: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def nominal_measurements(
     refractive_index: np.ndarray,
     setting: np.ndarray,
 ) -> Measurements:
-    """Return n measurements of one pair with one set of sweep settings, no effect acting, nothing scattered.
+    """Return n measurements of one pair with one set of sweep settings, without effects and without scatter.
 
     Args:
         sweeps: settings of the first and the second station, or of the one that hears itself.

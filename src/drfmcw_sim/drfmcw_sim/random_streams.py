@@ -37,7 +37,7 @@ def stream(seed: int, purpose: Purpose, number: int, extra: int = 0) -> np.rando
         seed: of the scenario.
         purpose: what the numbers are for.
         number: of the sweep, or of the weather report.
-        extra: tells effects of one sweep apart.
+        extra: distinguishes the effects of one sweep.
     """
     source: Any = _Digest(b'%d %d %d %d' % (seed, purpose, number, extra))
     return np.random.Generator(np.random.SFC64(source))

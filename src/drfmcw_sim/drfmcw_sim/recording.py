@@ -4,20 +4,13 @@ import contextlib
 import dataclasses
 import itertools
 import math
-import multiprocessing
-import os
-import queue
-import signal
-import threading
-import traceback
 from collections.abc import Callable, Generator, Iterator
-from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.bag.files import BagWriter, typestore
+from drfmcw_ros.processes import Worker, WorkFailed
 from drfmcw_ros.topics import SITE_TOPICS, STATION_TOPICS, split_station_topic
 
 from .scenario import Scenario
@@ -38,7 +31,7 @@ def to_rosbags(content: Any, name: str) -> Any:
     Serialised by rosbags, equal messages have equal bytes; rclpy leaves padding as it finds it.
     """
     types = typestore().types
-    cls = types[name]
+    cls: Any = types[name]
     values = {}
     for field in dataclasses.fields(cls):
         if field.name == 'header':
@@ -68,7 +61,7 @@ class _Message(NamedTuple):
 
 
 def _blocks(timeline: Timeline, size: int) -> Iterator[_Block]:
-    """Yield a scenario cut into blocks, each while the timeline stands before it; one without sweeps has no slots."""
+    """Yield the blocks of a scenario; the timeline stays at a block's start until the next one is asked for."""
     before = timeline.opening()
     while not timeline.finished:
         slots = timeline.slots(size)
@@ -95,11 +88,12 @@ def events(timeline: Timeline, block: int = _BLOCK) -> Iterator[Event]:
         yield from _render(timeline, part)
 
 
-def _messages(scenario: Scenario, share: int, jobs: int) -> Iterator[list[_Message]]:
-    """Yield the serialised messages of every `jobs`-th block of a scenario, from number `share` on."""
+def _share(order: tuple[Scenario, int, int]) -> Iterator[list[_Message]]:
+    """Yield the serialised messages of every n-th block of a scenario; of (scenario, number of the first block, n)."""
+    scenario, first, step = order
     store, timeline = typestore(), Timeline(scenario)
     for number, block in enumerate(_blocks(timeline, _BLOCK)):
-        if number % jobs == share:
+        if number % step == first:
             messages = []
             for event in _render(timeline, block):
                 name = message_type(event.topic)
@@ -108,71 +102,33 @@ def _messages(scenario: Scenario, share: int, jobs: int) -> Iterator[list[_Messa
             yield messages
 
 
-def _send_share(connection: Connection, scenario: Scenario, share: int, jobs: int) -> None:
-    """Send a share of the blocks, then None; a process's whole life, which ends when nobody takes them any more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the mask was not inherited
-    waiting: queue.Queue[list[_Message] | None] = queue.Queue(_AHEAD)
-
-    def send() -> None:
-        try:
-            while (messages := waiting.get()) is not None:
-                connection.send(messages)
-            connection.send(None)
-        except OSError:  # whoever took them has ended, or does not want them any more
-            os._exit(1)
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
-        for messages in _messages(scenario, share, jobs):
-            waiting.put(messages)
-        waiting.put(None)
-        sender.join()
-    except BaseException:
-        traceback.print_exc()
-        os._exit(1)
-
-
 def _rendered(scenario: Scenario, jobs: int) -> Generator[list[_Message], None, None]:
     """Yield the messages of each block in order, rendered by `jobs` processes not far ahead of what is taken.
-
-    A process renders every jobs-th block and sends it through a pipe of its own, which tells when it has died.
 
     Raises:
         ConfigurationError: a process died.
     """
     if jobs == 1:
-        yield from _messages(scenario, 0, 1)
+        yield from _share((scenario, 0, 1))
         return
-    # forkserver: this process may have threads, which a fork would leave in any state
-    context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload([__name__])
-    workers = []
-    # Ctrl-C reaches every process of the terminal; only this one is to answer it. Those started now inherit the mask,
-    # which the start of the resource tracker would undo.
-    resource_tracker.ensure_running()
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        for share in range(jobs):
-            receiver, sender = context.Pipe(duplex=False)
-            process = context.Process(target=_send_share, args=(sender, scenario, share, jobs), daemon=True)
-            process.start()
-            sender.close()
-            workers.append((process, receiver))
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for _, receiver in itertools.cycle(workers):
-            messages = receiver.recv()
-            if messages is None:
-                return
-            yield messages
-    except (EOFError, OSError):
-        raise ConfigurationError('a rendering process was killed, by lack of memory perhaps; try --jobs 1') from None
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for process, receiver in workers:
-            receiver.close()
-            process.kill()
-            process.join()
+    with contextlib.ExitStack() as stack:
+        # not forked: this process may have threads
+        workers = [
+            stack.enter_context(Worker(_share, start='forkserver', preload=[__name__], ahead=_AHEAD))
+            for _ in range(jobs)
+        ]
+        try:
+            for first, worker in enumerate(workers):
+                worker.give((scenario, first, jobs))
+            for blocks in itertools.cycle([worker.results() for worker in workers]):
+                messages = next(blocks, None)
+                if messages is None:  # no block of this share is left, so none of a later number either
+                    return
+                yield messages
+        except WorkFailed as error:
+            raise ConfigurationError(
+                f'a rendering process was lost ({error}), by lack of memory perhaps; try --jobs 1'
+            ) from None
 
 
 def write_recording(

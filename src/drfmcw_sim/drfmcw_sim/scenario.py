@@ -30,7 +30,7 @@ _PROFILE = 'true value: a number, or `{times: [s], values: []}`'
 
 @dataclasses.dataclass(frozen=True)
 class StationSettings:
-    """One station: what its calibration says, which is the truth as long as no effect says otherwise."""
+    """One station as calibrated; effects make its true values differ."""
 
     alpha: float = parameter(1.0, bounds=(0.999, 1.001), description='reference frequency / nominal')
     sample_clock_alpha: float = parameter(
@@ -78,12 +78,11 @@ class WaveformSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class PairSettings:
-    """Two stations that measure their distance; the same name twice for a station that hears itself."""
+class _PairParameters:
+    """Settings of a pair except its trajectory, of which there are several kinds."""
 
     first: str = parameter(description='station that starts first')
     second: str = parameter(description='station that starts T_off later')
-    trajectory: Standing | Drive | Recorded = None
     path_loss: float = parameter(
         math.nan, unit='dB', bounds=(-50.0, 300.0), nan_means='free space',
         description='loss between the antenna ports, antennas left out, at any distance (attenuator of a cable set-up)',
@@ -91,6 +90,13 @@ class PairSettings:
     frequency_offset: float = parameter(
         0.0, unit='Hz', bounds=(-1e9, 1e9), description='f_o,off = f_0 of the first minus f_0 of the second station'
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class PairSettings(_PairParameters):
+    """Two stations that measure their distance; the same name twice for a station that hears itself."""
+
+    trajectory: Standing | Drive | Recorded = dataclasses.field(kw_only=True)
 
     @property
     def hears_itself(self) -> bool:
@@ -229,17 +235,17 @@ def _pair(mapping: Any, where: str, stations: list[str]) -> PairSettings:
     kinds = {'standing': Standing, 'drive': Drive, 'recorded': Recorded}
     given = [k for k in kinds if k in mapping]
     for key in mapping:
-        valid = [f.name for f in dataclasses.fields(PairSettings) if f.name != 'trajectory'] + list(kinds)
+        valid = [f.name for f in dataclasses.fields(_PairParameters)] + list(kinds)
         if key not in valid:
             raise ConfigurationError(f"{where}: unknown key '{key}'{nearest(key, valid)}")
     if len(given) != 1:
         raise ConfigurationError(f"{where}: needs one of 'standing', 'drive' and 'recorded'")
     trajectory = from_mapping(kinds[given[0]], mapping[given[0]], f'{where}: {given[0]}')
-    pair = from_mapping(PairSettings, {k: v for k, v in mapping.items() if k not in kinds}, where)
+    pair = from_mapping(_PairParameters, {k: v for k, v in mapping.items() if k not in kinds}, where)
     for station in (pair.first, pair.second):
         if station not in stations:
             raise ConfigurationError(f"{where}: unknown station '{station}'{nearest(station, stations)}")
-    return dataclasses.replace(pair, trajectory=trajectory)
+    return PairSettings(**vars(pair), trajectory=trajectory)
 
 
 def scenario_from_mapping(mapping: Mapping[str, Any], where: str) -> Scenario:
@@ -286,7 +292,7 @@ def scenario_from_mapping(mapping: Mapping[str, Any], where: str) -> Scenario:
 
 
 def _check(scenario: Scenario, where: str) -> None:
-    """Refuse what the single settings cannot see."""
+    """Refuse settings that are valid one by one but not together."""
     limits = {'temperature': (-90.0, 70.0), 'pressure': (3e4, 1.2e5), 'humidity': (0.0, 1.0)}
     for name, (low, high) in limits.items():
         for value in getattr(scenario.weather, name).values:

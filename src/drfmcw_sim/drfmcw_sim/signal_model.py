@@ -13,122 +13,21 @@ as polynomials in u, so that no 1e7 rad phases are ever subtracted.
 
 import dataclasses
 import zlib
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drfmcw_physics.phase_noise import PhaseNoise
-from drfmcw_physics.sweep import SweepSettings
-
 from . import oscillator
+from .effects import Effect
+from .measurements import Measurements, Path, Station
 from .random_streams import Purpose, normal_pairs, stream
-
-if TYPE_CHECKING:
-    from .effects import Effect
 
 PHASE_UNIT = 2.0**-32
 """Unit of `if_phase` [turns]: as 32-bit integers, phases wrap by themselves."""
 
-_CHUNK = 32  # sweeps worked on at once: what fits the processor's cache
-_BLOCK = 64  # samples whose phases are made from one start and one slope
+_CHUNK = 32  # sweeps computed together: as many as fit the processor's cache
+_BLOCK = 64  # samples whose phases are computed from one start and one slope
 _NEGLIGIBLE_DRIFT = 1e-3  # samples between two ADC clocks within a record, for phase noise only
-
-
-@dataclasses.dataclass
-class Station:
-    """True state of one station in a batch of n measurements; effects may change the arrays."""
-
-    sweep: SweepSettings
-    alpha: np.ndarray  # [n] reference / nominal
-    sample_clock: np.ndarray  # [n] ADC clock / nominal
-    received_power: np.ndarray  # [n] of the direct path at the antenna port [dBm]
-    noise_density: np.ndarray  # [n] at the antenna port [dBm/Hz]
-    phase_noise: PhaseNoise | None
-    temperature: np.ndarray  # [n] board [degC]
-    calibration_temperature: float = 25.0  # [degC]
-    full_scale: float = 8192.0  # [LSB]
-    iq: bool = False
-
-    @property
-    def name(self) -> str:
-        """The station's name."""
-        return self.sweep.station
-
-    def amplitude(self, power: np.ndarray) -> np.ndarray:
-        """Return the amplitude [LSB] of a sine of `power` [dBm] at the antenna port."""
-        return self.full_scale * 10.0 ** ((power - self.sweep.full_scale_power) / 20.0)
-
-    def noise_std(self) -> np.ndarray:
-        """Return the standard deviation of the additive noise in each real or I or Q sample [LSB].
-
-        The density spreads over f_s/2 of a real IF, over f_s of a quadrature one; both then have the same noise power
-        per line power in a bin.
-        """
-        bandwidth = self.sweep.sample_rate * (1.0 if self.iq else 0.5)
-        return self.amplitude(self.noise_density + 10.0 * np.log10(bandwidth)) / np.sqrt(2.0)
-
-
-@dataclasses.dataclass
-class Path:
-    """One propagation path: tau(t) = delay + rate t + acceleration t^2 / 2, t since station 1's sweep start."""
-
-    delay: np.ndarray  # [n] of the whole path, hardware and air [s]
-    rate: np.ndarray  # [n] [s/s]
-    acceleration: np.ndarray  # [n] [s/s^2]
-    amplitude: np.ndarray  # [n] relative to the direct path, negative where the sign is reversed [1]
-
-
-@dataclasses.dataclass
-class Measurements:
-    """Everything that determines the IF signals of n measurements of one pair with one set of sweep settings."""
-
-    stations: tuple[Station, ...]  # first and second, or the one station that hears itself
-    sweep_id: np.ndarray  # [n]
-    time: np.ndarray  # [n] station 1's sweep start since the scenario's start [s]
-    range: np.ndarray  # [n] true antenna distance at that time [m]
-    velocity: np.ndarray  # [n] [m/s]
-    start_delay: np.ndarray  # [n] true T_off [s]
-    initial_phase: np.ndarray  # [stations, n] phi_0 [turns]
-    paths: list[Path]  # the direct one first
-    start_delay_jitter: float = 0.0  # standard deviation from sweep to sweep [s]
-    amplitude_scatter: float = 0.0  # standard deviation from sweep to sweep [dB]
-    refractive_index: np.ndarray | float = 1.0  # [n] of the air on the path
-    setting: np.ndarray | int = 0  # [n] number of the distance at which the crane stands
-
-    def __len__(self) -> int:
-        """Return the number of measurements."""
-        return len(self.sweep_id)
-
-    def rows(self, rows: slice) -> 'Measurements':
-        """Return a copy of some of the measurements."""
-        stations = tuple(
-            dataclasses.replace(
-                s,
-                alpha=s.alpha[rows].copy(),
-                sample_clock=s.sample_clock[rows].copy(),
-                received_power=s.received_power[rows].copy(),
-                noise_density=s.noise_density[rows].copy(),
-                temperature=s.temperature[rows].copy(),
-            )
-            for s in self.stations
-        )
-        paths = [Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths]
-        return dataclasses.replace(
-            self,
-            stations=stations,
-            paths=paths,
-            initial_phase=self.initial_phase[:, rows].copy(),
-            **{
-                name: _each(getattr(self, name), len(self))[rows].copy()
-                for name in ('sweep_id', 'time', 'range', 'velocity', 'start_delay', 'refractive_index', 'setting')
-            },
-        )
-
-
-def _each(values: np.ndarray | float, count: int) -> np.ndarray:
-    """Return values of `count` measurements, which one number may stand for."""
-    return values if np.ndim(values) else np.full(count, values)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,12 +106,12 @@ def _phase_units(turns: np.ndarray) -> np.ndarray:
 
 
 def _own_and_peer(m: Measurements, receiver: int) -> tuple[Station, Station]:
-    """Return the receiver and whom it hears: itself where there is one station only."""
+    """Return the receiver and the transmitter that it hears, which is itself where there is only one station."""
     return m.stations[receiver], m.stations[1 - receiver if len(m.stations) == 2 else 0]
 
 
 def overlap(m: Measurements, receiver: int, g: Geometry) -> tuple[np.ndarray, np.ndarray]:
-    """Return (first, end) sample numbers [n] between which both chirps are on at the receiver's mixer."""
+    """Return the (first, end) sample numbers [n] between which both chirps are present at the receiver's mixer."""
     own, peer = _own_and_peer(m, receiver)
     last = np.minimum(g.crossing(peer.sweep.ramp_duration / peer.alpha), own.sweep.ramp_duration / own.alpha)
     begin = np.ceil(np.maximum(g.crossing(0.0), 0.0) / g.step - 1e-9)
@@ -263,17 +162,15 @@ def _draw_noise(m: Measurements, generators: Sequence[np.random.Generator]) -> _
         np.multiply(radius, cosine, out=deviates[:, :half])
         np.multiply(radius, sine, out=deviates[:, half:])
         additive.append(deviates[:, :number])
-    spectra = iter(zip(*(parts[len(m.stations) :] for parts in (radii, cosines, sines)), strict=True))
-    return _Noise(
-        tuple(additive),
-        tuple(
-            None
-            if s.phase_noise is None
-            else oscillator.spectrum(*next(spectra), period, s.sweep.sample_rate, s.phase_noise)
-            for s in m.stations
-        ),
-        period,
-    )
+    spectra: list[np.ndarray | None] = []
+    of_oscillators = zip(*(parts[len(m.stations) :] for parts in (radii, cosines, sines)), strict=True)
+    for s in m.stations:
+        if s.phase_noise is None:
+            spectra.append(None)
+        else:
+            radius, cosine, sine = next(of_oscillators)
+            spectra.append(oscillator.spectrum(radius, cosine, sine, period, s.sweep.sample_rate, s.phase_noise))
+    return _Noise(tuple(additive), tuple(spectra), period)
 
 
 def _phase_noise(m: Measurements, noise: _Noise, receiver: int, g: Geometry) -> np.ndarray | None:
@@ -294,7 +191,7 @@ def _phase_noise(m: Measurements, noise: _Noise, receiver: int, g: Geometry) -> 
     return result
 
 
-def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence['Effect']) -> np.ndarray:
+def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence[Effect]) -> np.ndarray:
     """Return what effects that shape chirps add to `if_phase` [n, samples] [rad], less whole turns."""
     own, peer = _own_and_peer(m, receiver)
     u = np.arange(own.sweep.sample_count) * g.step[:, None]
@@ -310,11 +207,11 @@ def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence['Effe
 
 
 def _receive(
-    m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence['Effect']
+    m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence[Effect]
 ) -> np.ndarray:
     """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
 
-    Of copies in `m` that differ in their initial phases alone the first is `single`.
+    Where `m` holds copies that differ in their initial phases alone, `single` is the first of them.
     """
     own = m.stations[receiver]
     count = own.sweep.sample_count
@@ -359,7 +256,7 @@ def quantise(signal: np.ndarray, full_scale: float) -> np.ndarray:
 def synthesise(
     m: Measurements,
     seed: int,
-    effects: Sequence['Effect'] = (),
+    effects: Sequence[Effect] = (),
     noise: bool = True,
     quantised: bool = True,
     copies: int = 1,
@@ -374,8 +271,8 @@ def synthesise(
         effects: act in the order of their `stage`, those of one stage as listed.
         noise: False leaves out additive and phase noise.
         quantised: False returns the analogue signal in LSB, float32 [n, samples] or [n, samples, 2].
-        copies: how often the same measurements stand in `m`, one copy after another, that differ in their initial
-            phases alone; it saves time to say so.
+        copies: number of copies of the same measurements in `m`, one after another, which differ in their initial
+            phases alone: saves time.
 
     Returns:
         Per station int16 [n, samples], or [n, 2 samples] with I and Q interleaved.
@@ -383,10 +280,10 @@ def synthesise(
     effects = sorted(effects, key=lambda effect: effect.stage)
     numbers = _stream_numbers(effects)
     results: list[np.ndarray] = []
-    places = np.arange(len(m)).reshape(copies, -1)
+    numbered = np.arange(len(m)).reshape(copies, -1)
     each = max(_CHUNK // copies, 1)
-    for begin in range(0, places.shape[1], each):
-        rows = places[:, begin : begin + each].ravel()
+    for begin in range(0, numbered.shape[1], each):
+        rows = numbered[:, begin : begin + each].ravel()
         chunk = m.rows(rows)
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
@@ -405,15 +302,15 @@ def synthesise(
     return tuple(results)
 
 
-def _stream_numbers(effects: Sequence['Effect']) -> list[int]:
-    """Return a number for each effect's streams, from its name and how many of that name stand before it.
+def _stream_numbers(effects: Sequence[Effect]) -> list[int]:
+    """Return a number for the random streams of each effect, from its name and the count of that name before it.
 
-    So an effect keeps its random numbers whatever else acts.
+    So an effect keeps its random numbers whatever other effects act.
     """
     names = [effect.name for effect in effects]
     return [(zlib.crc32(name.encode()) << 8) + names[:i].count(name) for i, name in enumerate(names)]
 
 
-def _streams(seed: int, m: Measurements, receiver: int, number: int):
-    """Return a function that makes the generators of one effect at one station, one per sweep."""
+def _streams(seed: int, m: Measurements, receiver: int, number: int) -> Callable[[], list[np.random.Generator]]:
+    """Return a function that returns the generators of one effect at one station, one per sweep."""
     return lambda: [stream(seed, Purpose.EFFECT, int(i), 2 * number + receiver) for i in m.sweep_id]

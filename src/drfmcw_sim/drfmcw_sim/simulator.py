@@ -29,7 +29,7 @@ from .timeline import NANOSECONDS, Event, Timeline
 _BLOCK = 8  # measurements synthesised at once: a few milliseconds of delay at most
 _PROBE_INTERVAL = 0.1  # between sweeps to a station that has never answered [s]
 _SETTLING = 0.5  # from the match with the stations to the first sweep, so that latched settings arrive first [s]
-_LAG_LIMIT = 1.0  # behind the pace by more than this, the pace is taken up again from here [s]
+_LAG_LIMIT = 1.0  # lag behind the pace beyond which the node stops catching up and goes on from the present [s]
 _DELIVERY_LIMIT = 5.0  # wait at the end for subscribers to have received everything [s]
 
 
@@ -91,7 +91,7 @@ class Acknowledgements:
 
     def __init__(self, stations: Sequence[str]) -> None:
         """Start with nothing under way."""
-        self._waiting = {name: collections.deque() for name in stations}
+        self._waiting: dict[str, collections.deque[int]] = {name: collections.deque() for name in stations}
         self._progress = dict.fromkeys(stations, time.monotonic())
         self._sent_at = dict.fromkeys(stations, 0.0)
         self._heard: set[str] = set()

@@ -1,4 +1,4 @@
-"""What happens when: the measurements of a scenario in order, and what the hardware publishes around them."""
+"""The order of events: the measurements of a scenario, and what the hardware publishes around them."""
 
 import dataclasses
 import math
@@ -11,10 +11,11 @@ from drfmcw_physics.air import refractive_index
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.sweep import Mode, SweepSettings
 
+from .measurements import Measurements
 from .nominal import link_budget, nominal_measurements
 from .random_streams import Purpose, stream
 from .scenario import Scenario
-from .signal_model import Measurements, synthesise
+from .signal_model import synthesise
 from .trajectory import Drive, Recorded
 
 NANOSECONDS = 1_000_000_000
@@ -124,19 +125,20 @@ class Timeline:
         self._pause = 0.0  # time spent changing modes [s]
         self._by_range = mode_by_range
         self._reported = -math.inf  # time up to which weather and status are published [s]
-        self.modes: list[Mode | None] = [None] * len(scenario.pairs)
-        self._start_delays = [math.nan] * len(scenario.pairs)
+        self.modes: list[Mode] = []  # of each pair, none before the first is chosen
+        self._start_delays: list[float] = []
         first = self._at(first_sweep_id + np.arange(len(scenario.pairs)))
         wanted = [self._wanted(int(p), 0, float(d)) for p, d in zip(first.pair, first.distance, strict=True)]
-        self.modes, self._start_delays = ([w[i] for w in wanted] for i in range(2))
+        self.modes, self._start_delays = [mode for mode, _ in wanted], [delay for _, delay in wanted]
 
     def _wanted(self, pair: int, index: int, distance: float) -> tuple[Mode, float]:
         """Return the mode and T_off [s] that the pair's sweep number `index` at a distance [m] asks for."""
         trajectory = self.scenario.pairs[pair].trajectory
         if isinstance(trajectory, Recorded):
             return trajectory.mode(index)
-        mode = choose_mode(self.modes[pair], distance, self.scenario.mode)
-        kept = mode == self.modes[pair]
+        before = self.modes[pair] if self.modes else None
+        mode = choose_mode(before, distance, self.scenario.mode)
+        kept = mode == before
         return mode, self._start_delays[pair] if kept else self.scenario.mode.start_delay(mode)
 
     def stamp(self, time: float) -> int:
@@ -319,7 +321,8 @@ class Timeline:
                     )
                     for station, codes, stamp in zip(m.stations, samples, stamps, strict=False)
                 ]
-        events, reported = [], self._reported
+        events: list[Event] = []
+        reported = self._reported
         for sweep_id, time, pair, distance in zip(slots.sweep_id, slots.time, slots.pair, slots.distance, strict=True):
             events += self._reports(reported, float(time), int(sweep_id))
             reported = time
@@ -335,13 +338,13 @@ class Timeline:
         error = stream(s.seed, Purpose.REFERENCE, number).standard_normal() * s.reference.range_std
         p = s.pairs[pair]
 
-        def earlier(t: float) -> float:
+        def earlier(t: np.ndarray | float) -> np.ndarray | float:
             if isinstance(p.trajectory, Drive):
-                return float(p.trajectory.state(None, t)[0])
+                return p.trajectory.state(None, t)[0]
             # between two distances a standing crane is not simulated: its reference has settled
             return distance + p.trajectory.step(index) * (t - time) / (s.timing.sweep_interval * len(s.pairs))
 
-        error += sum(float(e.reference_error(time, distance, earlier)) for e in s.effects)
+        error += sum((float(e.reference_error(time, distance, earlier)) for e in s.effects), 0.0)
         frame = 'reference' if len(s.pairs) == 1 else f'{p.first}/{p.second}'
         stamp = self.stamp(time)
         return Event('/reference/range', stamp, ReferenceReading(stamp, distance + error, s.reference.range_std, frame))

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from typing import overload
 
 import numpy as np
 
@@ -175,6 +176,12 @@ class Profile:
         """Return a constant as its number."""
         return f'{self.values[0]:g}' if len(self.values) == 1 else f'{self.values} at {self.times} s'
 
-    def at(self, time: np.ndarray | float) -> np.ndarray:
+    @overload
+    def at(self, time: float) -> float: ...
+
+    @overload
+    def at(self, time: np.ndarray) -> np.ndarray: ...
+
+    def at(self, time: np.ndarray | float) -> np.ndarray | float:
         """Return the quantity at `time` [s]; before the first and after the last time it is constant."""
         return np.interp(time, self.times, self.values)

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.bounds import LineNoise, coloured_bound
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 
@@ -33,7 +34,7 @@ _MARGIN = 12  # bins that both lines keep from DC and Nyquist, two more than wha
 
 @dataclasses.dataclass(frozen=True)
 class Accuracy:
-    """What one cell came to."""
+    """Result of one cell."""
 
     trials: int
     std: float  # of the range [m]
@@ -95,12 +96,18 @@ class Cell:
         """Return the smallest standard deviation of the range by beat frequencies and by carrier phases [m].
 
         Quantisation counts as additive noise.
+
+        Raises:
+            ConfigurationError: a line lies outside the IF band, so that nothing can be measured.
         """
+        frequencies = self.lines()
+        if frequencies is None:
+            raise ConfigurationError(f'{self}: a line lies outside the IF band')
         scenario = self.scenario()
         m = conditions(scenario, range(1), self.mode)
         sweep, delay = m.stations[0].sweep, self._delay(scenario)
         lines = []
-        for station, frequency in zip(m.stations, self.lines(), strict=True):
+        for station, frequency in zip(m.stations, frequencies, strict=True):
             variance = float(station.noise_std()[0]) ** 2 + QUANTISATION
             power = float(station.amplitude(station.received_power)[0]) ** 2 / 2.0
             carrier_to_noise = power / variance * sweep.sample_rate / 2.0

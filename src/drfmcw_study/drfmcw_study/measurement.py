@@ -5,21 +5,22 @@ the simulator, the station node and the fusion node, so that what is found here 
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from drfmcw_fusion.pipeline import RangeFusion, RangeResult
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import Estimates, EstimatorSettings
-from drfmcw_node.estimators import estimator as make_estimator
-from drfmcw_node.pair import pair_estimator
-from drfmcw_node.processing import Beat
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.pair import pair_estimator
+from drfmcw_node.estimators.registry import estimator as make_estimator
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, beat_frequency
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import Measurements, draw_sweeps, synthesise
+from drfmcw_sim.signal_model import draw_sweeps, synthesise
 from drfmcw_sim.timeline import NANOSECONDS, Slots, Timeline
 
 _WEATHER = ('temperature', 'pressure', 'humidity')
@@ -128,7 +129,7 @@ def station_estimates(
             scenario.calibration(first.name),
             scenario.calibration(second.name),
         )
-        return pair(*samples, (first.full_scale, second.full_scale))
+        return pair(samples[0], samples[1], (first.full_scale, second.full_scale))
     return tuple(
         make_estimator(
             station.sweep,
@@ -150,7 +151,7 @@ def _ranges(
     stamps = [start + round(t * NANOSECONDS) for t in m.time.tolist()]
     for quantity in _WEATHER:
         _on_change(stamps, getattr(scenario.weather, quantity).at(m.time), fusion.add_weather, quantity)
-    beats = []
+    beats: list[list[Beat]] = []
     for station, result in zip(m.stations, estimates, strict=True):
         sweep = station.sweep
         fusion.add_sweep_config(sweep)
@@ -158,32 +159,20 @@ def _ranges(
         _on_change(stamps, station.temperature, fusion.add_board_temperature, sweep.station)
         late = round((sweep.start_delay if beats else 0.0) * NANOSECONDS)
         columns = [getattr(result, name).tolist() for name in _SHARED_FIELDS]
-        beats.append(
-            [
-                Beat(
-                    sweep.station,
-                    sweep.peer,
-                    sweep_id,
-                    *values,
-                    stamp + late,
-                    sweep.frame_id,
-                    independent,
-                    result.window,
-                )
-                for sweep_id, stamp, independent, values in zip(
-                    m.sweep_id.tolist(),
-                    stamps,
-                    result.independent_std.tolist(),
-                    zip(*columns, strict=True),
-                    strict=True,
-                )
-            ]
+        rows = zip(
+            m.sweep_id.tolist(), stamps, result.independent_std.tolist(), zip(*columns, strict=True), strict=True
         )
+        own = []
+        for sweep_id, stamp, independent, (flags, frequency, frequency_std, phase, power, snr) in rows:
+            numbers = flags, frequency, frequency_std, phase, power, snr, stamp + late
+            about = sweep.frame_id, independent, result.window
+            own.append(Beat(sweep.station, sweep.peer, sweep_id, *numbers, *about))
+        beats.append(own)
     found = (fusion.add_beat(beat) for measured in zip(*beats, strict=True) for beat in measured)
     return [result for result in found if result is not None]
 
 
-def _on_change(stamps: Sequence[int], values: np.ndarray, add, name: str) -> None:
+def _on_change(stamps: Sequence[int], values: np.ndarray, add: Callable[[str, int, float], None], name: str) -> None:
     """Call ``add(name, stamp, value)`` for the first value and for each that differs from the one before."""
     changes = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     for row in changes.tolist():

@@ -16,7 +16,9 @@ from drfmcw_ros.config_files import find_config
 
 from . import summary
 from .points import grid, try_point, values_of
-from .trials import ResultDirectory, Study, StudyStopped, run
+from .trials.results import ResultDirectory
+from .trials.running import run
+from .trials.study import Study, StudyStopped
 
 _PROG = 'drfmcw montecarlo'
 _PACKAGES = tuple(f'drfmcw_{name}' for name in ('physics', 'sim', 'node', 'fusion', 'study'))
@@ -28,13 +30,13 @@ def parser() -> argparse.ArgumentParser:
     result = Parser(
         prog=_PROG,
         description='Simulate and evaluate measurements of a standing crane, many at each of many points. '
-        'The same command takes an interrupted study up again.',
+        'The same command resumes an interrupted study.',
     )
     result.add_argument('scenario', help='scenario: YAML file, or name of one in config/')
     result.add_argument('--out', metavar='DIR', required=True, help='directory of the results')
     result.add_argument(
         '--vary', metavar='KEY=VALUES', action='append', default=[],
-        help='first:last:step or value,value,... of distance, a setting of the scenario (weather.humidity, '
+        help='first:last:step or value,value,... of the distance, a setting of the scenario (weather.humidity, '
         'stations.slave.alpha, effects.0.deviation), estimator.KEY or fusion.KEY; several make the full grid',
     )  # fmt: skip
     result.add_argument(

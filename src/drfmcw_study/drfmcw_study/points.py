@@ -1,7 +1,7 @@
 """Points of a Monte Carlo study: a scenario with some of its settings, or the evaluation's, varied over a grid.
 
 A point is a JSON-ready mapping with the keys `varied` (key: value as given), `scenario`, `estimator` and `fusion`
-(what their YAML would hold), and `seed`, which takes the place of the scenario's. Free of ROS.
+(what their YAML would hold), and `seed`, which replaces the scenario's. Free of ROS.
 """
 
 import copy
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, from_mapping
 from drfmcw_physics.sweep import Mode
@@ -21,7 +21,7 @@ from drfmcw_sim.scenario import Scenario, override, scenario_from_mapping
 from drfmcw_sim.trajectory import Drive
 
 from .measurement import Trials, measure
-from .trials import point_seed
+from .trials.study import point_seed
 
 _EVALUATION = {'estimator': EstimatorSettings, 'fusion': FusionSettings}
 _LARGEST_GRID = 1_000_000
@@ -70,12 +70,8 @@ def grid(
         ConfigurationError: a key given twice or unknown, or a value that is not valid.
     """
     keys = [key for key, _ in varied]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise ConfigurationError(f"--vary: '{key}' is given twice")
-        if key == 'seed':
-            raise ConfigurationError("--vary: 'seed' is that of the whole study: --seed")
-    base = {'varied': {}, 'scenario': copy.deepcopy(dict(mapping)), 'estimator': {}, 'fusion': {}}
+    _check_keys(keys)
+    base: dict[str, Any] = {'varied': {}, 'scenario': copy.deepcopy(dict(mapping)), 'estimator': {}, 'fusion': {}}
     for assignment in assignments:
         _assign(base, assignment)
     varied = list(varied)
@@ -97,6 +93,14 @@ def grid(
         settings(point)  # refuses what is not valid before anything is tried
         points.append(point)
     return points
+
+
+def _check_keys(keys: Sequence[str]) -> None:
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ConfigurationError(f"--vary: '{key}' is given twice")
+        if key == 'seed':
+            raise ConfigurationError("--vary: 'seed' is that of the whole study: --seed")
 
 
 def _assign(point: dict[str, Any], assignment: str) -> None:

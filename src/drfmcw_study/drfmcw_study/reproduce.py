@@ -12,14 +12,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drfmcw_node.estimation import EstimatorSettings
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
-from . import claims, figures
-from .experiments import NOISE_FLOORS, Run, simulate_all
-from .sections import LABORATORY_PATH, SECTIONS, Finished, Section
-from .trials import StudyStopped
+from .paper import claims, figures
+from .paper.catalogue import SECTIONS
+from .paper.experiments import NOISE_FLOORS, Run, simulate_all
+from .paper.section import LABORATORY_PATH, Finished, Section
+from .trials.study import StudyStopped
 
 _CHECKOUT = Path(__file__).resolve().parents[3]  # where this file lies in a source checkout
 _DOCUMENT = 'reproduction.md'
@@ -162,10 +163,10 @@ def _document(options: _Options, finished: Sequence[tuple[Section, Finished]], f
         f"""Written by `{' '.join(command)}`, drfmcw {_version()}: do not edit. {options.run.trials} simulated sweep
 pairs per point, seed {options.run.seed}, estimator `{estimator}`{window}. The simulator renders the IF samples of both
 stations; the classes of the live station and fusion nodes turn them into ranges. The same seed gives the same numbers,
-whatever the number of processes.""",
+for any number of processes.""",
         f"""{agreeing} of {len(found)} claims of the paper agree with what our code computes, {len(found) - agreeing}
-differ. The paper publishes its measurements as plots only; what is compared are the figures in its text.""",
-        'What the paper leaves open and is assumed here:',
+differ. The paper publishes its measurements as plots only; the comparison uses the figures in its text.""",
+        'Assumptions where the paper states nothing:',
         f"""- Noise power in the IF band of 1.024 MHz: {floors}. A leaves 10 dB in the whole band at 5000 m, as Fig. 12
   says; B gives the 12 mm at 1000 m of Fig. 11. Both are sub-millimetre indoors.
 - Phase noise: one pole with its corner at 200 kHz, through the -90 dBc/Hz at 100 kHz of Table 1.

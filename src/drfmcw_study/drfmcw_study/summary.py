@@ -19,7 +19,8 @@ from drfmcw_physics.sweep import Mode
 from drfmcw_ros.cli import write_atomically
 
 from .points import distance_and_mode, settings
-from .trials import Moments, ResultDirectory
+from .trials.moments import Moments
+from .trials.results import ResultDirectory
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,27 +1,24 @@
 """A recording beside its model: one vector of residuals over their standard deviations, and what effects add to it."""
 
-import dataclasses
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from drfmcw_sim.effects import Effect
 
 from ..features.adc_codes import Codes, evenness
-from ..features.extractor import gaussian
 from ..recording.dataset import Dataset
 from .groups import Entries, Groups
+from .kinds import KINDS, Kind
+from .kinds.kind import Of
 from .known import Known
-from .measuring import STEADY, measured
-from .predicting import Predictor
+from .limits import MODEL
+from .measuring import Evidence
+from .predicting import Expected, Predictor
 from .recorded_sweeps import RecordedSweeps
 
-_FLUTTER_SPREAD = 1.025  # by which the median of so few widens the spread of what is compared with it
-_LARGEST = 1e4  # whitened residual beyond which a number says no more
-_OF_PATH = ('coherence', 'beat', 'range', 'velocity')  # kinds of number that belong to no single station
 _SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
-_KIND = 'U9'  # the longest name
 
 
 class Comparison:
@@ -30,6 +27,8 @@ class Comparison:
     Attributes:
         data, heard, members, parts, sweeps, slope, standing: of the sweeps that are compared, see `RecordedSweeps`.
         receivers: names of the stations with samples (S,).
+        recorded: the sweeps that are compared.
+        kinds: of numbers that are compared.
         known: what is known to expect of them.
         channels: what each of the ramp's series is (2 S,).
         time: of the ramp's blocks in the first station's sweep (K,) [s].
@@ -50,48 +49,28 @@ class Comparison:
         Raises:
             ConfigurationError: too few sweeps can be compared, see `RecordedSweeps`.
         """
-        recorded = RecordedSweeps(data, rows)
+        self.recorded = recorded = RecordedSweeps(data, rows)
+        self.kinds = tuple(KINDS)
         self.data, self.heard, self.members = data, recorded.heard, recorded.members
-        self.receivers = tuple(data.stations[i] for i in self.heard)
+        self.receivers = recorded.topology.receivers
         self.sweeps, self.parts = recorded.sweeps, recorded.parts
         self.slope, self.standing = recorded.slope, recorded.standing
-        self.time, self.channels = self.sweeps[0].time, self.parts[0].extract.channels
+        self.time, self.channels = recorded.time, recorded.channels
         self.known = Known(data, self.heard, self.members, recorded.scatters, recorded.unsound)
-        found = measured(recorded, self.known)
-        self._model = Predictor(recorded, found.std)
-        self.measured, self.plain = found.values, self._model.plain
-        limit = self._model.noise.limit(self.plain.noise)
-        self.std = dataclasses.replace(found.std, noise=np.hypot(found.std.noise, limit))
-        self._recorded, self._quiet = recorded, np.array(found.quiet)
-        self.entries = self._layout()
+        evidence = Evidence(recorded, self.known)
+        found = {kind.name: kind.measured(evidence) for kind in self.kinds}
+        self.measured = Groups({name: values for name, (values, _) in found.items()})
+        std = Groups({name: std for name, (_, std) in found.items()})
+        self._model = Predictor(recorded, std)
+        self.plain = self.predict(())
+        nominal = self._model.expected(())
+        self.std = Groups({kind.name: kind.limited(std[kind.name], nominal) for kind in self.kinds})
+        self.entries, self._rows = self._layout()
         self.residual = self._vector(self.measured)
 
-    def _blocks(self, values: Groups) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield what groups hold beyond the plain model, over its deviations: (kind, (G, stations, positions)).
-
-        One row stands for the path, else there is one of each station with samples, or of each of the ramp's channels.
-        """
-
-        def over(name: str) -> np.ndarray:
-            return (getattr(values, name) - getattr(self.plain, name)) / getattr(self.std, name)
-
-        yield 'ramp', over('ramp')
-        freedom = self._freedom[:, None, None]
-        fluttering = (gaussian(values.flutter, freedom) - gaussian(np.ones(1), freedom)) / _FLUTTER_SPREAD
-        yield 'flutter', np.where(self._compared_flutter, fluttering, 0.0)
-        quiet = self._quiet[..., None]
-        lines = gaussian(values.lines, quiet) - gaussian(np.ones(1), quiet)
-        yield 'lines', np.where(self._compared_lines, lines, 0.0)
-        yield 'mean', over('mean')
-        yield 'harmonic', np.nan_to_num(over('harmonic'))
-        yield 'piled', over('piled')[..., None]
-        yield 'burst', over('burst')
-        yield 'noise', np.nan_to_num(over('noise'))
-        yield 'coherence', over('coherence')[:, None]
-        yield 'beat', over('beat')[:, None, None]
-        yield 'amplitude', over('amplitude')[..., None]
-        yield 'range', over('range')[:, None, None]
-        yield 'velocity', over('velocity')[:, None, None]
+    def _whitened(self, kind: Kind, values: Groups) -> np.ndarray:
+        """Return what groups hold of a kind beyond the plain model, whitened."""
+        return kind.whitened(values[kind.name], self.plain[kind.name], self.std[kind.name], self.recorded)
 
     @functools.cached_property
     def codes(self) -> tuple[Codes | None, ...]:
@@ -100,52 +79,69 @@ class Comparison:
         # the least noise, and not what an uneven converter adds to it
         noise = np.fmin(self.measured.noise, self.plain.noise)
         least = 10.0 ** (np.nan_to_num(np.nanmin(np.nanmedian(noise, axis=2), axis=0), nan=-np.inf) / 20.0)
-        return tuple(evenness(self.data.samples[i][rows], n) for i, n in zip(self.heard, least, strict=True))
+        return tuple(evenness(self.data.samples_of(i)[rows], n) for i, n in zip(self.heard, least, strict=True))
 
-    def _layout(self) -> Entries:
-        """Return what each number of the vector is."""
+    def _layout(self) -> tuple[Entries, dict[str, np.ndarray]]:
+        """Return what each number of the vector is, and where each kind's numbers stand in it, by its name.
+
+        The vector goes group by group: what each group has of every kind, then what each of its sweeps has.
+        """
         counts = np.array([len(m) for m in self.members])
-        self._freedom = np.maximum((counts - 1) / 2, 0.5)
-        bins, terms = self.measured.lines.shape[-1], np.arange(self.measured.flutter.shape[-1])
-        self._compared_lines = np.stack([~self._recorded.bands.at_line(s.line.mean(axis=0), bins) for s in self.sweeps])
-        self._compared_flutter = self.standing[:, None, None] & (terms >= STEADY) & self._recorded.scatters
-        columns: list[tuple[np.ndarray, ...]] = []
-        for kind, block in self._blocks(self.measured):
-            _, rows, width = block.shape
-            station = np.repeat([-1] if kind in _OF_PATH else np.arange(rows), width)
-            columns.append((np.full(rows * width, kind, _KIND), station, np.tile(np.arange(width), rows)))
-        kinds, stations, positions = map(np.concatenate, zip(*columns, strict=True))
-        # the vector goes group by group, what each has alike and then its sweeps' movements
-        starts = np.cumsum([0, *(len(kinds) + counts[:-1])])
-        self._alike = starts[:, None] + np.arange(len(kinds))
-        self._moved = np.concatenate(
-            [start + len(kinds) + np.arange(n) for start, n in zip(starts, counts, strict=True)]
-        )
-
-        def of_vector(alike: np.ndarray, moved: np.ndarray) -> np.ndarray:
-            result = np.empty(self._alike.size + self._moved.size, alike.dtype)
-            result[self._alike], result[self._moved] = alike, moved
-            return result
-
-        moved = len(self._moved)
-        return Entries(
-            of_vector(kinds, np.full(moved, 'movement', _KIND)),
-            of_vector(stations, np.full(moved, -1)),
-            of_vector(np.arange(len(counts))[:, None], np.repeat(np.arange(len(counts)), counts)),
-            of_vector(positions, np.concatenate(self.members)),
-        )
+        shapes = {k: k.rows(self._whitened(k, self.measured)).shape[1:] for k in self.kinds if not k.per_sweep}
+        alike = sum(rows * width for rows, width in shapes.values())
+        per_sweep = [kind for kind in self.kinds if kind.per_sweep]
+        starts = np.cumsum([0, *(alike + len(per_sweep) * counts[:-1])])
+        total = int(starts[-1] + alike + len(per_sweep) * counts[-1])
+        names = np.empty(total, f'U{max(len(kind.name) for kind in self.kinds)}')
+        station, group, position = (np.full(total, -1) for _ in range(3))
+        places, at = {}, 0
+        for kind, (rows, width) in shapes.items():
+            columns = at + np.arange(rows * width)
+            places[kind.name] = where = starts[:, None] + columns
+            names[where], group[where] = kind.name, np.arange(len(counts))[:, None]
+            if kind.of is not Of.PATH:
+                station[where] = np.repeat(np.arange(rows), width)
+            position[where] = np.tile(np.arange(width), rows)
+            at += rows * width
+        for number, kind in enumerate(per_sweep):
+            first = starts + alike + number * counts
+            places[kind.name] = where = np.concatenate(
+                [start + np.arange(n) for start, n in zip(first, counts, strict=True)]
+            )
+            names[where], group[where] = kind.name, np.repeat(np.arange(len(counts)), counts)
+            position[where] = np.concatenate(self.members)
+        return Entries(names, station, group, position), places
 
     def _vector(self, values: Groups) -> np.ndarray:
         """Return features less those of the plain model, over their standard deviations."""
         result = np.empty(len(self.entries.kind))
-        blocks = [block.reshape(len(block), -1) for _, block in self._blocks(values)]
-        result[self._alike] = np.concatenate(blocks, axis=1)
-        result[self._moved] = (values.movement - self.plain.movement) / self.std.movement
-        return np.clip(result, -_LARGEST, _LARGEST)
+        for kind in self.kinds:
+            where = self._rows[kind.name]
+            result[where] = self._whitened(kind, values).reshape(where.shape)
+        return np.clip(result, -MODEL.largest, MODEL.largest)
+
+    def rows(self, kind: Kind, station: int | None = None) -> np.ndarray:
+        """Return where the numbers of a kind stand in the vector, in order (n,); those of one station or of all."""
+        rows = self._rows[kind.name].ravel()
+        return rows if station is None else rows[self.entries.station[rows] == station]
+
+    def series(self) -> list[tuple[Kind, int]]:
+        """Return kinds with the stations, or the ramp's channels, that have numbers of each; -1 for the path."""
+        stations = ((kind, np.unique(self.entries.station[self.rows(kind)])) for kind in self.kinds)
+        return [(kind, int(station)) for kind, numbers in stations for station in numbers]
 
     def predict(self, effects: Sequence[Effect]) -> Groups:
-        """Return the features that the model with `effects` predicts."""
-        return self._model.predict(effects)
+        """Return the numbers that the model with `effects` predicts."""
+        return self._predict(tuple(effects))
+
+    @functools.lru_cache(maxsize=64)  # noqa: B019 a comparison lives as long as its predictions are wanted
+    def _predict(self, effects: tuple[Effect, ...]) -> Groups:
+        expected = self._model.expected(effects)
+        return Groups({kind.name: self._joined(kind, expected) for kind in self.kinds})
+
+    def _joined(self, kind: Kind, expected: Sequence[Expected]) -> np.ndarray:
+        """Return the predicted numbers of a kind of all groups in their order."""
+        return self._model.joined([kind.predicted(e) for e in expected], kind.per_sweep)
 
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp with `effects` changes from sweep to sweep (G, 2 S, K), see `Predictor`."""
@@ -154,5 +150,6 @@ class Comparison:
     def template(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
         # apart, as a distortion or a burst takes many sweeps to simulate
-        apart = [tuple(e for e in effects if (e.distorts(), e.bursts()) == kind) for kind in _SIMULATED_APART]
-        return sum(self._vector(self.predict(part)) for part in apart if part) if effects else self._vector(self.plain)
+        apart = [tuple(e for e in effects if (e.distorts, e.bursts) == kind) for kind in _SIMULATED_APART]
+        vectors = (self._vector(self.predict(part)) for part in apart if part)
+        return functools.reduce(np.add, vectors, np.zeros(len(self.residual))) if effects else self._vector(self.plain)

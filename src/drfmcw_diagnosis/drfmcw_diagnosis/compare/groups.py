@@ -1,60 +1,59 @@
-"""The numbers that a recording and its model are compared by, group by group, and how groups are made of sweeps."""
+"""Numbers of a recording's groups of sweeps, what each of them is, and how groups are made of sweeps."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import Extractor, SweepFeatures
-
-_COHERENT = 0.5  # mean of the phasors of a group's sweeps beyond which their phases count as one
-_POOL = 30.0  # sweeps that the scatter in all groups counts for in each
+from .limits import SCATTER
 
 
 @dataclasses.dataclass(frozen=True)
 class Entries:
     """What the numbers of the vector are; arrays (n,)."""
 
-    kind: np.ndarray  # as the fields of `Groups`
+    kind: np.ndarray  # its name
     station: np.ndarray  # number among those with samples, -1 for the path; of ramp: number of the channel
     group: np.ndarray
     position: np.ndarray  # cosine term, bin, band or sweep
 
-    def where(self, **wanted) -> np.ndarray:
+    def where(self, **wanted: Any) -> np.ndarray:
         """Return which entries have all the values given."""
         chosen = np.ones(len(self.kind), bool)
         for name, value in wanted.items():
             chosen &= np.isin(getattr(self, name), value)
         return chosen
 
-    def kinds(self) -> list[tuple[str, int]]:
-        """Return kinds with the stations each may have, in order."""
-        return [(str(k), int(s)) for k in dict.fromkeys(self.kind) for s in np.unique(self.station)]
 
+class Groups(Mapping[str, np.ndarray]):
+    """Numbers of a recording's groups by kind, measured or predicted, also as attributes: see `kinds.KINDS`."""
 
-@dataclasses.dataclass(frozen=True)
-class Groups:
-    """Features of each of G groups, measured or predicted; S stations with samples, Q parts of a sample (2 with iq)."""
+    def __init__(self, values: Mapping[str, np.ndarray]) -> None:
+        """Take arrays by the kinds' names."""
+        self._values = dict(values)
 
-    ramp: np.ndarray  # (G, 2 S, K) cosine series, mean over the group
-    flutter: (
-        np.ndarray
-    )  # (G, 2 S, K) variance of the same from sweep to sweep over that of terms around [1]; 1 for none
-    lines: np.ndarray  # (G, S, B) power of narrow lines over the noise around [1]; 1 for none
-    mean: np.ndarray  # (G, S, Q) [LSB]
-    harmonic: np.ndarray  # (G, S, 2 H) over the line [1]
-    piled: np.ndarray  # (G, S) samples of a sweep at its outermost codes, more than beside them
-    burst: np.ndarray  # (G, S, 3) of `features.unevenness`
-    noise: np.ndarray  # (G, S, BANDS) [dB of 1 LSB^2 per sample]
-    coherence: np.ndarray  # (G, OFFSETS) of both lines' phase noise, imaginary part [1]
-    beat: np.ndarray  # (G,) [Hz]
-    amplitude: np.ndarray  # (G, S) [dB of 1 LSB]
-    range: np.ndarray  # (G,) beyond the reference [m]
-    velocity: np.ndarray  # (G,) slope of the reference [m/s]
-    movement: np.ndarray  # (n sweeps,) within the group [m]
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Return the numbers of a kind."""
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the kinds' names."""
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        """Return how many kinds there are."""
+        return len(self._values)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """Return the numbers of a kind."""
+        if name.startswith('_') or name not in self._values:
+            raise AttributeError(f"no kind of number '{name}'")
+        return self._values[name]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ def align(
         effects: may change the delay.
     """
     added = np.zeros((copies, len(part.groups)))
-    if len(part.steady.stations) == 2:
+    if not part.extract.topology.hears_itself:
         return added[0]
     state = acted(part, effects)
     (station,) = state.stations
@@ -103,7 +102,7 @@ def align(
     for row, g in enumerate(part.groups):
         phasor = np.mean(np.exp(1j * sweep.line_sign() * sweeps[g].carrier))
         turns = np.arange(copies) / (2.0 * copies)
-        if abs(phasor) > _COHERENT:
+        if abs(phasor) > SCATTER.coherent:
             turns = np.angle(phasor) / (2.0 * np.pi) - own[row]
         added[:, row] = (turns - np.rint(turns)) / carrier[row]
     rows.paths[0].delay += added.ravel()
@@ -111,9 +110,9 @@ def align(
 
 
 def pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> np.ndarray:
-    """Return standard deviations within groups (G, k), each drawn towards what all groups together say.
+    """Return standard deviations within groups (G, k), each drawn towards that of all groups together.
 
-    Few sweeps tell their own scatter badly: taken alone it would make large residuals far too likely.
+    The scatter of few sweeps is a poor estimate: alone it would make large residuals far too likely.
 
     Args:
         values: of each group (n, k).
@@ -123,13 +122,7 @@ def pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> 
     own = np.array([v.var(axis=0, ddof=1) for v in values])
     shape = np.ones((len(values), 1)) if expected is None else expected[:, None]
     common = (freedom * own).sum(axis=0) / (freedom * shape).sum(axis=0) * shape
-    return np.sqrt((freedom * own + _POOL * common) / (freedom + _POOL))
-
-
-def joined(groups: Sequence[Groups]) -> Groups:
-    """Return single groups' features as one; movements one after another."""
-    stacked = {f.name: np.stack([getattr(g, f.name) for g in groups]) for f in dataclasses.fields(Groups)[:-1]}
-    return Groups(**stacked, movement=np.concatenate([g.movement for g in groups]))
+    return np.sqrt((freedom * own + SCATTER.pool * common) / (freedom + SCATTER.pool))
 
 
 def steady(m: Measurements, local: Sequence[np.ndarray]) -> Measurements:
@@ -142,8 +135,8 @@ def steady(m: Measurements, local: Sequence[np.ndarray]) -> Measurements:
     for station, source in zip(result.stations, m.stations, strict=True):
         for name in ('received_power', 'temperature'):
             getattr(station, name)[:] = mean(getattr(source, name))
-    for path, source in zip(result.paths, m.paths, strict=True):
-        path.delay[:] = mean(source.delay)
+    for path, recorded in zip(result.paths, m.paths, strict=True):
+        path.delay[:] = mean(recorded.delay)
     for name in ('range', 'time', 'velocity', 'refractive_index'):
         getattr(result, name)[:] = mean(getattr(m, name))
     return result

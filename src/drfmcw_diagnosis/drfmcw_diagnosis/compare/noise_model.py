@@ -4,21 +4,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics.phase_noise import combination_gain
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements, Station
+from drfmcw_sim.effects import Effect, Stage
+from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
 from ..features.extractor import BANDS, LINE
 from .groups import Part
+from .limits import MODEL, SIMULATION
 from .recorded_sweeps import RecordedSweeps
-
-_FLOOR_LIMIT = 0.02  # what the model of a white floor is trusted to [dB]
-_SKIRT_LIMIT = 0.1  # and that of the oscillators' skirts [dB]
-_DELAY_STEP = 1e-9  # that turns no sideband's phase noticeably [s]
-_FREQUENCIES = 16  # of each band at which the skirts are taken
 
 
 class NoiseModel:
@@ -31,12 +26,11 @@ class NoiseModel:
             recorded: sweeps whose lines have the skirts.
             shared: in which groups the coherence of both lines' noise is compared (G,).
         """
-        self._heard, self._iq = recorded.heard, recorded.data.iq
-        self._parts, self._shared = recorded.parts, shared
+        self._topology, self._shared = recorded.topology, shared
         self._bins = recorded.sweeps[0].power.shape[-1]
         amplitude = np.array([sweeps.amplitude.mean(axis=0) for sweeps in recorded.sweeps])
         # of the lines (G, S), at each frequency of a line [LSB^2]
-        self._powers = 10.0 ** (amplitude / 10.0) * (1.0 if self._iq else 0.25)
+        self._powers = 10.0 ** (amplitude / 10.0) * self._topology.line_share
         self._lines = np.array([sweeps.line.mean(axis=0) for sweeps in recorded.sweeps])
         self._known: dict[tuple, np.ndarray] = {}  # coherences by what they depend on
 
@@ -54,48 +48,48 @@ class NoiseModel:
             line: of each station (G, S) [Hz].
         """
         rate = state.stations[0].sweep.sample_rate
-        centre = (np.arange(BANDS * _FREQUENCIES) + 0.5) * (rate / 2 / (BANDS * _FREQUENCIES))
+        centre = (np.arange(BANDS * SIMULATION.frequencies) + 0.5) * (rate / 2 / (BANDS * SIMULATION.frequencies))
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
-        filters = [self._filter(state.stations[i], state, effects) for i in self._heard]
+        filters = [self._filter(state.stations[i], state, effects) for i in self._topology.heard]
         own = line[..., None]
         offsets = np.stack([np.abs(centre - own), np.minimum(centre + own, rate - centre - own)])
-        if self._iq:  # all of the line at one frequency, no mirror line
+        if not self._topology.has_mirror:  # all of the line at one frequency
             offsets = np.minimum(offsets[:1], rate - offsets[:1])
         density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
-        if len(state.stations) == 1:  # the oscillator meets itself, a delay later
+        if self._topology.hears_itself:  # the oscillator meets itself, a delay later
             density = density * combination_gain(offsets, state.paths[0].delay[:, None, None])
         passed = np.array([np.abs(passes(centre)) ** 2 for passes in filters])
         # the line's own power has passed the filters already
         ahead = np.stack([np.abs(passes(at)) ** 2 for passes, at in zip(filters, line.T, strict=True)], axis=1)
         skirts = passed / ahead[..., None] * density.sum(axis=0) * rate * self._powers[part.groups][..., None]
         floor = np.stack(
-            [self._floor(state.stations[i], p[None]) for i, p in zip(self._heard, passed, strict=True)], axis=1
+            [self._floor(state.stations[i], p[None]) for i, p in zip(self._topology.heard, passed, strict=True)], axis=1
         )
         # a band that a line fills is not compared
         filled = np.abs(centre - own) < LINE * (rate / 2 / (self._bins - 1))
         total = floor + np.where(filled, np.nan, skirts)
-        noise = 10.0 * np.log10(_median(total.reshape(*line.shape, BANDS, _FREQUENCIES)))
+        noise = 10.0 * np.log10(_median(total.reshape(*line.shape, BANDS, SIMULATION.frequencies)))
         decisive = (
             int(part.groups[0]),
             *oscillators,
             *(e for e in effects if e.stage == Stage.FILTER),
             *(s.noise_density.tobytes() for s in state.stations),
-            np.rint(state.paths[0].delay / _DELAY_STEP).tobytes(),
+            np.rint(state.paths[0].delay / SIMULATION.delay_step).tobytes(),
         )
         if decisive not in self._known:
             self._known[decisive] = self._coherence(part, state, effects)
         return noise, self._known[decisive]
 
-    def limit(self, noise: np.ndarray) -> np.ndarray:
-        """Return to what the noise in bands, `noise` without effects, is trusted [dB]: less where a skirt rules.
+    def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
+        """Return to what the noise in bands is trusted (G, S, BANDS) [dB]: less where a skirt rules.
 
-        Both (G, S, BANDS).
+        Args:
+            part: groups of one setting.
+            noise: of these without effects (G, S, BANDS) [dB of 1 LSB^2 per sample].
         """
-        limit = np.empty(noise.shape)
-        for part in self._parts:
-            floor = np.stack([self._floor(part.steady.stations[i], np.ones((1, 1))) for i in self._heard], axis=1)
-            share = 1.0 - floor / 10.0 ** (noise[part.groups] / 10.0)
-            limit[part.groups] = _FLOOR_LIMIT + _SKIRT_LIMIT * np.clip(share, 0.0, 1.0)
+        floor = np.stack([self._floor(part.steady.stations[i], np.ones((1, 1))) for i in self._topology.heard], axis=1)
+        share = 1.0 - floor / 10.0 ** (noise / 10.0)
+        limit: np.ndarray = MODEL.floor + MODEL.skirt * np.clip(share, 0.0, 1.0)
         return limit
 
     def _coherence(self, part: Part, state: Measurements, effects: Sequence[Effect]) -> np.ndarray:
@@ -139,11 +133,11 @@ class NoiseModel:
             return np.ones_like
         one = state.rows(slice(0, 1))
         count = station.sweep.sample_count
-        impulse = np.zeros((1, count, 2) if self._iq else (1, count), np.float32)
+        impulse = np.zeros((1, count, 2) if self._topology.iq else (1, count), np.float32)
         impulse[0, count // 2] = 1.0  # a cut at the Nyquist frequency rings both ways
         for effect in filters:
             effect.receive(impulse, next(s for s in one.stations if s.name == station.name), one, list)
-        spectrum = np.fft.rfft(impulse[..., 0] if self._iq else impulse, axis=1)[0]
+        spectrum = np.fft.rfft(impulse[..., 0] if self._topology.iq else impulse, axis=1)[0]
         spectrum *= np.exp(2j * np.pi * (count // 2) / count * np.arange(len(spectrum)))  # time counts from the impulse
         frequency = np.arange(len(spectrum)) * station.sweep.sample_rate / count
         return lambda at: np.interp(at, frequency, spectrum)
@@ -156,7 +150,7 @@ class NoiseModel:
             passed: share of the noise before the ADC that filters leave (n, ...), or (1, ...) where all are alike.
         """
         before = (station.noise_std() ** 2 * passed.T).T
-        return (before + QUANTISATION) * (2.0 if self._iq else 1.0)
+        return (before + QUANTISATION) * float(self._topology.parts)
 
 
 def _median(values: np.ndarray) -> np.ndarray:

@@ -1,167 +1,221 @@
-"""The features that the simulator's forward model predicts for a recording's groups, with effects or without."""
+"""What the simulator's forward model makes of a recording's groups, with effects or without."""
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
+from drfmcw_sim.measurements import Measurements
 
-from ..features.extractor import mean_power, quiet_sweeps, ramp_spectrum, unevenness
-from .groups import Groups, Part, acted
+from ..features.extractor import SweepFeatures, mean_power, quiet_sweeps, ramp_spectrum, unevenness
+from .groups import Part, acted
+from .limits import SIMULATION
 from .noise_model import NoiseModel
 from .recorded_sweeps import RecordedSweeps
-from .simulated_sweeps import DISTORTED, SimulatedSweeps
+from .simulated_sweeps import SimulatedSweeps
 
-_RAISED = 1.5  # of the noise, where the median around a bin counts as raised by lines
 _BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follow the distance
-_BURSTING = 12  # sweeps simulated per group, at most, where one comes and goes
+
+
+@dataclasses.dataclass(frozen=True)
+class Distortion:
+    """By how much distortion changes what noisy sweeps show."""
+
+    noise: np.ndarray  # in bands (G, S, BANDS) [dB]
+    harmonic: np.ndarray  # (G, S, 2 H)
+    piled: np.ndarray  # (G, S)
+
+
+@dataclasses.dataclass(frozen=True)
+class Bursts:
+    """By how much bursts change what noisy sweeps show."""
+
+    uneven: np.ndarray  # (G, S, 3)
+    noise: np.ndarray  # in bands (G, S, BANDS) [dB]
+
+
+class Expected:
+    """What the model with some effects makes of the G groups of one setting; each computed when first asked for.
+
+    Attributes:
+        model: that predicts it.
+        recorded: the groups as recorded.
+        part: the same where the model has them.
+        effects: that act.
+        reference: what the reference says in each group (G,) [m].
+        distorting: an effect distorts the IF.
+        bursting: an effect comes and goes.
+    """
+
+    def __init__(self, model: 'Predictor', recorded: Part, effects: tuple[Effect, ...]) -> None:
+        """Put the groups where the effects have them."""
+        self.model, self.recorded, self.effects = model, recorded, effects
+        self.part, self.reference = model.placed(recorded, effects)
+        self.distorting = any(e.distorts for e in effects)
+        self.bursting = any(e.bursts for e in effects)
+
+    @property
+    def std(self) -> Mapping[str, np.ndarray]:
+        """Standard deviations of the measured numbers of all groups, by kind."""
+        return self.model.std
+
+    @functools.cached_property
+    def plain(self) -> 'Expected':
+        """The same without effects."""
+        return self.model.plain(self.recorded) if self.effects else self
+
+    @functools.cached_property
+    def features(self) -> SweepFeatures:
+        """Features of one noise-free sweep pair per group."""
+        return self.model.simulated.mean(self.part, [e for e in self.effects if not e.bursts])
+
+    def samples(self, noise: bool = False) -> tuple[np.ndarray, ...]:
+        """Return one simulated sweep per group, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
+        return self.model.simulated.samples(self.part, self.effects, noise)
+
+    @functools.cached_property
+    def noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample], and the coherence of both lines (G, OFFSETS)."""
+        state = acted(self.part, self.effects)
+        return self.model.noise.predicted(self.part, state, self.effects, self.features.line)
+
+    @functools.cached_property
+    def added(self) -> np.ndarray:
+        """Power that effects add to each bin beside the lines (G, S, B) [LSB^2]."""
+        added = np.maximum(self.features.power - self.plain.features.power, 0.0).astype(float)
+        added[self.model.recorded.bands.at_line(self.features.line, added.shape[-1])] = 0.0
+        return added
+
+    @functools.cached_property
+    def raised(self) -> tuple[np.ndarray, np.ndarray]:
+        """Noise in bands as further lines raise it (G, S, BANDS) [dB], and the noise in each bin (G, S, B) [LSB^2]."""
+        quiet = self.noise[0]
+        if self.bursting:
+            quiet = quiet + self.bursts.noise
+        return self.model.recorded.bands.raised(quiet, self.added, self.features.line)
+
+    @functools.cached_property
+    def distortion(self) -> Distortion:
+        """What the effects' distortion changes."""
+        return self.model.distortion(self.part, self.effects)
+
+    @functools.cached_property
+    def bursts(self) -> Bursts:
+        """What the effects' bursts change."""
+        return self.model.bursts(self.part, self.effects)
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Slope that the reference shows in each group (G,) [m/s]."""
+        return self.model.velocity(self.part.steady, self.effects)
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Movement of each sweep within its group (n,) [m], one group after another."""
+        return self.model.displacement(self.part, self.effects)
 
 
 class Predictor:
-    """Predicts the features of a recording's G groups; S stations with samples."""
+    """The model of a recording's G groups; S stations with samples.
 
-    def __init__(self, recorded: RecordedSweeps, std: Groups) -> None:
-        """Predict what there is without effects.
+    Attributes:
+        recorded: sweeps whose conditions, lines and jitter the model has.
+        std: of the measured numbers by kind, which include the noise around lines and in the ramp.
+        simulated: sweeps that the simulator makes.
+        noise: that the model expects.
+    """
+
+    def __init__(self, recorded: RecordedSweeps, std: Mapping[str, np.ndarray]) -> None:
+        """Prepare the model.
 
         Args:
             recorded: whose conditions, lines and jitter the model has.
-            std: of the measured features, which tell the noise around lines and in the ramp.
+            std: of the measured numbers by kind.
         """
-        self._recorded, self._std = recorded, std
-        self._simulated = SimulatedSweeps(recorded)
-        self.noise = NoiseModel(recorded, np.isfinite(std.coherence).any(axis=1))
+        self.recorded, self.std = recorded, std
+        self.simulated = SimulatedSweeps(recorded)
+        self.noise = NoiseModel(recorded, np.isfinite(std['coherence']).any(axis=1))
         # what there is without any effect, and what noise makes of it, by the first group of a part
-        self._plain_power: dict[int, np.ndarray] = {}
+        self._plain: dict[int, Expected] = {}
         self._undistorted: dict[int, tuple[np.ndarray, ...]] = {}
         self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         # where the parts' groups and their sweeps stand, part after part
         group = np.concatenate([part.groups for part in recorded.parts])
         self._group_order = np.argsort(group)
         self._sweep_order = np.argsort(np.repeat(group, [len(recorded.members[g]) for g in group]), kind='stable')
-        self.plain = self.predict(())
 
-    def predict(self, effects: Sequence[Effect]) -> Groups:
-        """Return the features that the model with `effects` predicts, from noise-free samples of the simulator."""
-        return self._predict(tuple(effects))
+    def expected(self, effects: Sequence[Effect]) -> list[Expected]:
+        """Return what the model with `effects` makes of the groups, setting by setting."""
+        if not effects:
+            return [self.plain(part) for part in self.recorded.parts]
+        return [Expected(self, part, tuple(effects)) for part in self.recorded.parts]
 
-    @functools.lru_cache(maxsize=64)  # noqa: B019 a predictor lives as long as its predictions are wanted
-    def _predict(self, effects: tuple[Effect, ...]) -> Groups:
-        found: list[Groups] = []
-        for recorded in self._recorded.parts:
-            part, reference = self._placed(recorded, effects)
-            state = acted(part, effects)
-            features = self._simulated.mean(part, [e for e in effects if not e.bursts()])
-            displacement = self._displacement(part, effects)
-            quiet, shared = self.noise.predicted(part, state, effects, features.line)
-            velocity = self._velocity(part.steady, effects)
-            distorting = any(e.distorts() for e in effects)
-            if distorting:
-                changed, harmonic, piled = self._distortion(part, effects)
-                harmonic = self.plain.harmonic[part.groups] + harmonic
-            else:
-                harmonic = self.plain.harmonic[part.groups] if effects else features.harmonic
-                piled = np.zeros((len(part.groups), len(self._recorded.heard)))
-            burst = np.zeros((len(part.groups), len(self._recorded.heard), 3))
-            if any(e.bursts() for e in effects):
-                burst, louder = self._bursts(part, effects)
-                quiet = quiet + louder
-            if not effects:
-                self._plain_power[int(part.groups[0])] = features.power
-            added = np.maximum(features.power - self._plain_power[int(part.groups[0])], 0.0).astype(float)
-            added[self._recorded.bands.at_line(features.line, added.shape[-1])] = 0.0
-            noise, floor = self._recorded.bands.raised(quiet, added, features.line)
-            around, steady = np.ones(added.shape), self._std.lines[part.groups]
-            if distorting:
-                noise = self.plain.noise[part.groups] + changed
-                # where harmonics raise the median around, the noise itself is what they add to
-                raised = (steady > _RAISED * floor) & np.any(added > floor, axis=-1, keepdims=True)
-                around[raised] = (floor / steady)[raised]
-            found.append(
-                Groups(
-                    ramp_spectrum(features.ramp),
-                    np.ones((len(part.groups), *self._std.flutter.shape[1:])),
-                    around + added / steady,
-                    features.mean,
-                    harmonic,
-                    piled,
-                    burst,
-                    noise,
-                    shared,
-                    features.beat,
-                    features.amplitude,
-                    features.range - reference,
-                    velocity,
-                    displacement,
-                )
-            )
-        return self._joined(found)
+    def plain(self, part: Part) -> Expected:
+        """Return what the model without effects makes of the groups of one setting; kept."""
+        first = int(part.groups[0])
+        if first not in self._plain:
+            self._plain[first] = Expected(self, part, ())
+        return self._plain[first]
 
-    def _joined(self, found: Sequence[Groups]) -> Groups:
-        """Return the features of the parts' groups as those of all groups in their order."""
-        values = {f.name: np.concatenate([getattr(g, f.name) for g in found]) for f in dataclasses.fields(Groups)}
-        movement = values.pop('movement')[self._sweep_order]
-        return Groups(**{name: each[self._group_order] for name, each in values.items()}, movement=movement)
+    def joined(self, found: Sequence[np.ndarray], per_sweep: bool) -> np.ndarray:
+        """Return numbers of the parts' groups, or of their sweeps, as those of all in their order."""
+        return np.concatenate(found)[self._sweep_order if per_sweep else self._group_order]
 
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
 
         What a spur or a mirror line brings has a phase of its own in every sweep.
         """
-        result = np.zeros(self._std.flutter.shape)
-        for part in self._recorded.parts:
-            ramp = ramp_spectrum(self._simulated.copies(part, [e for e in effects if not e.bursts()], 2)[0].ramp)
+        result = np.zeros(self.std['flutter'].shape)
+        for part in self.recorded.parts:
+            ramp = ramp_spectrum(self.simulated.copies(part, [e for e in effects if not e.bursts], 2)[0].ramp)
             result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
-        return result / self._std.flutter
+        return result / self.std['flutter']
 
-    def _distortion(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
-        """Return by how much distortion changes noise in bands (G, S, BANDS) [dB], harmonics (G, S, 2 H), piles (G, S).
+    def distortion(self, part: Part, effects: Sequence[Effect]) -> Distortion:
+        """Return by how much distortion changes noise, harmonics and piles.
 
-        A limiter holds noise down, and noise carries a line across the limit that it does not reach by itself: sweeps
-        are simulated with noise, and with the same noise without the distortion.
+        A limiter holds noise down, and noise carries a line across a limit that it does not reach by itself. So sweeps
+        are simulated with noise, once with and once without the distortion.
         """
         first = int(part.groups[0])
         if first not in self._undistorted:
             self._undistorted[first] = self._noisy(part, ())
         pairs = zip(self._noisy(part, effects), self._undistorted[first], strict=True)
         noise, harmonic, piled = (after - before for after, before in pairs)
-        return np.nan_to_num(noise), harmonic, piled
+        return Distortion(np.nan_to_num(noise), harmonic, piled)
 
     def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
         """Return of noisy sweeps the noise in bands [dB of 1 LSB^2 per sample], harmonics, and samples piled up."""
-        features = self._simulated.distorted(part, effects, True)
-        counts = np.full(len(self._recorded.heard), DISTORTED)
+        features = self.simulated.distorted(part, effects, True)
+        counts = np.full(len(self.recorded.heard), SIMULATION.distorted)
         pairs = zip(features.power, features.line, strict=True)
-        noise = np.array([self._recorded.bands.measured(*pair, counts)[0] for pair in pairs])
+        noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])
         return noise, features.harmonic, features.piled
 
-    def _bursts(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return what bursts do: unevenness (G, S, 3), and by how much they raise noise in bands (G, S, BANDS) [dB].
-
-        Simulated among noise, with the same noise as without them.
-        """
+    def bursts(self, part: Part, effects: Sequence[Effect]) -> Bursts:
+        """Return what bursts do, by sweeps simulated among the same noise with and without them."""
         first = int(part.groups[0])
         if first not in self._steady:
             self._steady[first] = self._among_noise(part, ())
         (uneven, bands), (even, plain) = self._among_noise(part, effects), self._steady[first]
         # bursts know no distance, and all groups together hold enough of them
-        return np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain)
+        return Bursts(np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain))
 
     def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
         """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, BANDS) [dB] of noisy sweeps."""
-        copies, count = min(max(map(len, part.local)), _BURSTING), len(part.groups)
-        features = self._simulated.jittered(part, effects, True, copies)
+        copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
+        features = self.simulated.jittered(part, effects, True, copies)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
         line = features.line.reshape(copies, count, -1).mean(axis=0)
         spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
-        bands = [self._recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
+        bands = [self.recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
         return np.array([unevenness(q)[0] for q in quiet]), np.array(bands)
 
-    def _placed(self, part: Part, effects: Sequence[Effect]) -> tuple[Part, np.ndarray]:
+    def placed(self, part: Part, effects: Sequence[Effect]) -> tuple[Part, np.ndarray]:
         """Return where the model has its groups, and what the reference says there (G,) [m].
 
         An error of the reference means that the target stands elsewhere. To first order that changes the range alone;
@@ -169,7 +223,7 @@ class Predictor:
         """
         reading = self._reference(part, effects)
         error = reading - part.steady.range
-        if not error.any() or not any('delay' in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
+        if not error.any() or not any(ActsOn.DELAY in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
             return part, reading
         steady = part.steady.rows(slice(None))
         steady.range -= error
@@ -179,9 +233,9 @@ class Predictor:
     def _reference(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way."""
         m = part.steady
-        slope = np.where(self._recorded.standing, 0.0, self._recorded.slope)[part.groups]
+        slope = np.where(self.recorded.standing, 0.0, self.recorded.slope)[part.groups]
 
-        def distance_at(time):
+        def distance_at(time: np.ndarray | float) -> np.ndarray:
             return m.range + slope * (time - m.time)
 
         reading = m.range.copy()
@@ -189,9 +243,9 @@ class Predictor:
             reading = reading + effect.reference_error(m.time, m.range, distance_at)
         return reading
 
-    def _velocity(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
+    def velocity(self, m: Measurements, effects: Sequence[Effect]) -> np.ndarray:
         """Return the slope that the reference shows in each group [m/s] (G,): it sees the crane drive, not sway."""
-        driving = [effect for effect in effects if effect.name == 'target_motion']
+        driving = [effect for effect in effects if effect.motion is Motion.DRIVE]
         if not driving:
             return m.velocity
         driven = m.rows(slice(None))
@@ -199,17 +253,17 @@ class Predictor:
             effect.prepare(driven)
         return driven.velocity
 
-    def _displacement(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+    def displacement(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
         """Return the movement within each group beyond what the reference shows [m], one group after another."""
         # geometry follows the distance, of which each sweep has a reading with noise but a standing crane has one
-        moving = [e for e in effects if 'delay' in e.acts_on and e.of == 'path' and e.stage != Stage.GEOMETRY]
+        moving = [e for e in effects if ActsOn.DELAY in e.acts_on and e.of is Of.PATH and e.stage != Stage.GEOMETRY]
         if not moving:
             return np.zeros(len(part.all))
         moved = part.all.rows(slice(None))
         for effect in moving:
             effect.prepare(moved)
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
-        creep = (self._velocity(part.all, effects) - part.all.velocity) * part.all.time
-        creeps = self._recorded.standing[part.groups]  # slower than the reference could show
+        creep = (self.velocity(part.all, effects) - part.all.velocity) * part.all.time
+        creeps = self.recorded.standing[part.groups]  # slower than the reference could show
         ways = [way[local] + (creep[local] if slow else 0.0) for local, slow in zip(part.local, creeps, strict=True)]
         return np.concatenate([w - w.mean() for w in ways])

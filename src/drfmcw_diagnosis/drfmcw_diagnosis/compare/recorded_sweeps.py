@@ -1,26 +1,20 @@
 """Which sweeps of a recording are compared, and their features, group by group."""
 
+import functools
 import itertools
 
 import numpy as np
 
-from drfmcw_node.estimation import Flag
+from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
-from ..features.extractor import Extractor, SweepFeatures
+from ..features.extractor import Extractor, SweepFeatures, quiet_sweeps
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
+from ..recording.topology import Channel
 from .groups import Part, steady
-from .known import FEWEST
-
-_NEAREST_LINE = 40e3  # to 0 Hz and to the Nyquist frequency: the mirror line is then clear of the ramp [Hz]
-_ASTRAY = 1.0  # by which a range differs from those of its group where a line was mistaken [m]
-_ASTRAY_SPREADS = 30.0  # or by so many of their median deviations, if that is more
-_FADED = 2.0  # by which a level differs from those of its group where something is in the way [dB]
-_FADED_SPREADS = 10.0  # or by so many of their median deviations, if that is more
-_FADED_SHARE = 0.25  # of a group's sweeps from which on it is no exception
-_STANDING = 4.0  # standard deviations of the reference's slope within which a group stands
+from .limits import SCATTER, SWEEPS
 
 
 class RecordedSweeps:
@@ -28,6 +22,7 @@ class RecordedSweeps:
 
     Attributes:
         data: the recording.
+        topology: of its stations.
         heard: numbers of the stations with samples (S,).
         members: rows of `data` in each group.
         scatters: the groups' sweeps are enough to tell their scatter.
@@ -53,26 +48,27 @@ class RecordedSweeps:
                 stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone,
                 but its line must stand clear of 0 Hz.
         """
-        self.data = data
-        self.heard = tuple(i for i, x in enumerate(data.samples) if x is not None)
+        self.data, self.topology = data, data.topology
+        self.heard = self.topology.heard
         rows = np.arange(len(data)) if rows is None else np.asarray(rows)
-        if len(data.stations) == 1:
+        if self.topology.hears_itself:
             rows = rows[(data.lines.flags[0, rows] & Flag.NEAR_DC) == 0]
             if not len(rows):
                 raise ConfigurationError(f'{data.path}: no sweep is usable, the line stands too near 0 Hz')
         group = data.group[rows]
         members = [rows[group == g] for g in np.unique(group)]
-        self.members = [m for m in members if len(m) >= FEWEST]
+        self.members = [m for m in members if len(m) >= SCATTER.fewest]
         self.scatters = bool(self.members)
         if not self.scatters:
-            if len(data.stations) == 2:
-                raise ConfigurationError(f'{data.path}: needs at least {FEWEST} sweeps under the same conditions')
+            if self.topology.is_pair:
+                needed = f'needs at least {SCATTER.fewest} sweeps under the same conditions'
+                raise ConfigurationError(f'{data.path}: {needed}')
             self.members = members
         self.unsound = 0
         self._extract()
         sound = [self._sound(g) for g in range(len(self.members))]
-        if len(data.stations) == 2 and not all(s.all() for s in sound) and any(s.sum() >= FEWEST for s in sound):
-            kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= FEWEST]
+        if self.topology.is_pair and not all(s.all() for s in sound) and any(s.sum() >= SCATTER.fewest for s in sound):
+            kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= SCATTER.fewest]
             self.unsound = sum(map(len, self.members)) - sum(map(len, kept))
             self.members = kept
             self._extract()
@@ -82,21 +78,59 @@ class RecordedSweeps:
         self.slope_std = np.array(
             [np.nanmean(slope_std[m]) if k else np.inf for m, k in zip(self.members, known, strict=True)]
         )
-        self.standing = np.abs(self.slope) < _STANDING * np.where(known, self.slope_std, np.inf)
+        self.standing = np.abs(self.slope) < SWEEPS.standing * np.where(known, self.slope_std, np.inf)
         self.bands = NoiseBands(data.sweeps[0][0].sample_rate, self.parts[0].extract.window_power)
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time of the ramp's blocks in the first station's sweep (K,) [s]."""
+        return self.sweeps[0].time
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What each of the ramp's series is (2 S,)."""
+        return self.topology.channels
+
+    @property
+    def sample_rate(self) -> float:
+        """Sample rate [Hz]."""
+        return float(self.data.sweeps[0][0].sample_rate)
+
+    @functools.cached_property
+    def distance(self) -> np.ndarray:
+        """Mean distance of each group (G,) [m]."""
+        return np.array([self.data.distance[m].mean() for m in self.members])
+
+    @functools.cached_property
+    def freedom(self) -> np.ndarray:
+        """Pairs of sweeps' degrees of freedom in each group (G,), as many exponential powers a variance is worth."""
+        return np.maximum((np.array([len(m) for m in self.members]) - 1) / 2, 0.5)
+
+    @functools.cached_property
+    def quiet_counts(self) -> np.ndarray:
+        """Number of each group's sweeps without a burst (G, S)."""
+        return np.array([quiet_sweeps(s.quiet).sum(axis=0) for s in self.sweeps])
+
+    @functools.cached_property
+    def beside_lines(self) -> np.ndarray:
+        """Which bins of each group's spectra lie beside the stations' own lines (G, S, B)."""
+        bins = self.sweeps[0].power.shape[-1]
+        return np.stack([~self.bands.at_line(s.line.mean(axis=0), bins) for s in self.sweeps])
 
     def _extract(self) -> None:
         """Take the features of all members' sweeps."""
         data = self.data
         self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
-        self.sweeps: list[SweepFeatures] = [None] * len(self.members)
-        self.shares: list[np.ndarray] = [None] * len(self.members)
+        sweeps: dict[int, SweepFeatures] = {}
+        shares: dict[int, np.ndarray] = {}
         for part in self.parts:
             for g in part.groups:
-                samples = tuple(data.samples[i][self.members[g]] for i in self.heard)
+                samples = tuple(data.samples_of(i)[self.members[g]] for i in self.heard)
                 scale = float(np.median(data.full_scale[self.heard[0], self.members[g]]))
-                self.sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
-                self.shares[g] = part.extract.shared_noise(samples, self.sweeps[g])
+                sweeps[g] = part.extract(samples, scale, data.refractive_index[self.members[g]])
+                shares[g] = part.extract.shared_noise(samples, sweeps[g])
+        self.sweeps = [sweeps[g] for g in range(len(self.members))]
+        self.shares = [shares[g] for g in range(len(self.members))]
 
     def _sound(self, group: int) -> np.ndarray:
         """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).
@@ -106,14 +140,14 @@ class RecordedSweeps:
         sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
         # a line that is expected beyond the Nyquist frequency folds back into the ramp's band
         lines = np.concatenate([sweeps.line, self._expected_lines(group)[None]])
-        clear = np.all((lines > _NEAREST_LINE) & (lines < rate / 2 - _NEAREST_LINE), axis=1)
+        clear = np.all((lines > SWEEPS.nearest_line) & (lines < rate / 2 - SWEEPS.nearest_line), axis=1)
         clear = clear[:-1] & clear[-1]
         error = sweeps.range - self.data.distance[self.members[group]]
         error = np.abs(error - np.median(error))
-        clear &= error < max(_ASTRAY, _ASTRAY_SPREADS * float(np.median(error)))
+        clear &= error < max(SWEEPS.astray, SWEEPS.astray_spreads * float(np.median(error)))
         apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
-        faded = np.any(apart > np.maximum(_FADED, _FADED_SPREADS * np.median(apart, axis=0)), axis=1)
-        return clear & ~(faded & (np.mean(faded) < _FADED_SHARE))
+        faded = np.any(apart > np.maximum(SWEEPS.faded, SWEEPS.faded_spreads * np.median(apart, axis=0)), axis=1)
+        return clear & ~(faded & (np.mean(faded) < SWEEPS.faded_share))
 
     def _expected_lines(self, group: int) -> np.ndarray:
         """Return where the nominal model has a group's lines (S,) [Hz]."""
@@ -132,5 +166,5 @@ class RecordedSweeps:
         starts = np.concatenate([[0], np.cumsum(counts)])
         local = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
         nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
-        extract = Extractor(data.sweeps[setting], data.calibration, self.heard, data.iq)
+        extract = Extractor(data.sweeps[setting], data.calibration, data.topology)
         return Part(groups, local, nominal, steady(nominal, local), extract)

@@ -7,23 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
-from drfmcw_sim.effects.base import Stage
-from drfmcw_sim.signal_model import Measurements, synthesise
+from drfmcw_sim.effects import ActsOn, Effect, Motion, Stage
+from drfmcw_sim.measurements import Measurements
+from drfmcw_sim.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures
 from .groups import Part, align
+from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
 
-DISTORTED = 11
-"""Sweeps simulated per group where an effect distorts the IF or the crane sways.
-
-Evenly over half a turn, a prime number of them: harmonics that fold back near the line, with many times its phase,
-cancel up to the 43rd where the line is near a quarter of the sampling rate.
-"""
-
-
-_UNSEEN = ('noise', 'reference')  # what effects act on that sweeps free of noise do not show
+_UNSEEN = ActsOn.NOISE | ActsOn.REFERENCE  # in sweeps free of noise
 
 
 class SimulatedSweeps:
@@ -39,14 +32,14 @@ class SimulatedSweeps:
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
         as it does in a recording's sweeps of random phase; over a whole turn what is added to the samples does too.
         """
-        return self._noise_free(part, tuple(e for e in effects if e.acts_on not in _UNSEEN))
+        return self._noise_free(part, tuple(e for e in effects if e.acts_on & ~_UNSEEN))
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
-        distorting = any(effect.distorts() for effect in effects)
-        swaying = any(effect.name == 'sway' for effect in effects)
-        added = any(effect.acts_on == 'samples' and effect.stage < Stage.FILTER for effect in effects)
-        copies = DISTORTED if distorting or swaying else 4 if added else 2
+        distorting = any(effect.distorts for effect in effects)
+        swaying = any(effect.motion is Motion.SWAY for effect in effects)
+        added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
+        copies = SIMULATION.distorted if distorting or swaying else 4 if added else 2
         each, moved = self.copies(part, effects, copies, swaying, harmonic=not effects, turns=1.0 if added else 0.5)
         features = _mean(each, copies)
         if np.any(moved):
@@ -73,7 +66,8 @@ class SimulatedSweeps:
         if swaying:  # a group's mean is that over its time, in which a crane may swing far
             rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
         moved = align(part, rows, copies, self._recorded.sweeps, effects)
-        alike = 1 if swaying or len(rows.stations) == 1 else copies  # one station's are told apart by their delays
+        # copies of a station that hears itself differ in their delays
+        alike = 1 if swaying or self._recorded.topology.hears_itself else copies
         return self._features(part, rows, effects, harmonic=harmonic, copies=alike), moved
 
     def jittered(
@@ -93,9 +87,15 @@ class SimulatedSweeps:
         align(part, rows, copies, self._recorded.sweeps, effects)
         return self._features(part, rows, effects, noise, harmonic)
 
+    def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
+        """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
+        rows = part.steady.rows(slice(None))
+        samples = synthesise(rows, 0, effects, noise, False)
+        return tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
+
     def distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
         """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
-        return _mean(self.jittered(part, effects, noise, DISTORTED, noise), DISTORTED)
+        return _mean(self.jittered(part, effects, noise, SIMULATION.distorted, noise), SIMULATION.distorted)
 
     def _features(
         self,

@@ -11,15 +11,9 @@ import dataclasses
 import numpy as np
 from scipy import stats
 
+from .limits import CODES
+
 _DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-_LEAST_NOISE = 4.0  # standard deviation from which on the noise makes the histogram smooth [codes]
-_LEAST_COUNT = 25.0  # in a code's neighbourhood, for counts to be normal
-_NEIGHBOURS = 9  # codes whose mean count tells the deviation of one
-_RAIL = 5  # codes next to the smallest and to the largest, in which a limiter piles samples up
-_CORRELATED = 2.7  # fourth differences share their counts: sum of their squared correlations
-_STANDS_OUT = 4.0  # deviations from which on a difference counts for where the excess lies
-_PILE = 3  # samples more than at the next code that a sweep may have at its outermost ones by chance
-_TAILS = 1.05  # by which they may be larger
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +44,7 @@ def piled(samples: np.ndarray) -> np.ndarray:
     for outermost, inwards in ((codes.max(axis=1), -1.0), (codes.min(axis=1), 1.0)):
         at, beside = ((codes == code[:, None]).sum(axis=1) for code in (outermost, outermost + inwards))
         more += at - beside
-    return np.maximum(more - _PILE, 0.0)
+    return np.maximum(more - CODES.pile, 0.0)
 
 
 def _in_steps(samples: np.ndarray) -> tuple[np.ndarray, int]:
@@ -61,7 +55,7 @@ def _in_steps(samples: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _is_smooth(step: int, noise: float) -> bool:
-    return noise >= _LEAST_NOISE * step
+    return noise >= CODES.least_noise * step
 
 
 def evenness(samples: np.ndarray, noise: float) -> Codes | None:
@@ -74,20 +68,20 @@ def evenness(samples: np.ndarray, noise: float) -> Codes | None:
     codes, step = _in_steps(samples)
     if not _is_smooth(step, noise):
         return None
-    counts = np.bincount(codes).astype(float)[_RAIL:-_RAIL]
-    if len(counts) < _NEIGHBOURS:
+    counts = np.bincount(codes).astype(float)[CODES.rail : -CODES.rail]
+    if len(counts) < CODES.neighbours:
         return None
-    around = np.convolve(counts, np.full(_NEIGHBOURS, 1.0 / _NEIGHBOURS), 'same')[2:-2]
-    told = around >= _LEAST_COUNT
+    around = np.convolve(counts, np.full(CODES.neighbours, 1.0 / CODES.neighbours), 'same')[2:-2]
+    told = around >= CODES.least_count
     z = np.convolve(counts, _DIFFERENCE, 'valid')[told] / np.sqrt((_DIFFERENCE @ _DIFFERENCE) * around[told])
-    if len(z) < _NEIGHBOURS:
+    if len(z) < CODES.neighbours:
         return None
-    freedom = len(z) / _CORRELATED
+    freedom = len(z) / CODES.correlated
     chances = (
-        float(stats.chi2.sf(float(np.mean(z**2)) * freedom / _TAILS, freedom)),
-        min(1.0, len(z) * 2.0 * float(stats.norm.sf(float(np.abs(z).max()) / _TAILS))),
+        float(stats.chi2.sf(float(np.mean(z**2)) * freedom / CODES.tails, freedom)),
+        min(1.0, len(z) * 2.0 * float(stats.norm.sf(float(np.abs(z).max()) / CODES.tails))),
     )
-    code = int(samples.min()) + step * (np.flatnonzero(told) + _RAIL + 2)
-    weight = np.cumsum(np.where(np.abs(z) > min(_STANDS_OUT, float(np.abs(z).max())) - 1e-9, z**2, 0.0))
+    code = int(samples.min()) + step * (np.flatnonzero(told) + CODES.rail + 2)
+    weight = np.cumsum(np.where(np.abs(z) > min(CODES.stands_out, float(np.abs(z).max())) - 1e-9, z**2, 0.0))
     low, high = code[np.searchsorted(weight, [0.05 * weight[-1], 0.95 * weight[-1]]).clip(0, len(code) - 1)]
     return Codes(min(1.0, len(chances) * min(chances)), float(np.sum(z**2) - len(z)), float(low), float(high))

@@ -15,14 +15,13 @@ import scipy.fft
 
 from drfmcw_physics.sweep import SweepSettings
 
+from .limits import SIDEBANDS
+
 OFFSETS = 8
 """Bands of offsets from the line in which both stations' phases are compared."""
 
 FARTHEST = 0.25
 """Largest offset, of the sample rate."""
-
-_NEAREST = 16  # bins from the line that its own changes within the sweep leave free
-_CLEAR = 16  # bins of both sidebands from 0 Hz and from the Nyquist frequency
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,11 +43,11 @@ class Sidebands:
 def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
     """Return which sidebands are compared where lines stand at `line` (..., 2) [Hz]."""
     width = sweep.sample_rate / sweep.sample_count
-    offset = np.arange(_NEAREST, int(FARTHEST * sweep.sample_count)) * width
-    upper = line[..., None] + offset < sweep.sample_rate / 2 - _CLEAR * width
-    lower = line[..., None] - offset > _CLEAR * width
+    offset = np.arange(SIDEBANDS.nearest, int(FARTHEST * sweep.sample_count)) * width
+    upper = line[..., None] + offset < sweep.sample_rate / 2 - SIDEBANDS.clear * width
+    lower = line[..., None] - offset > SIDEBANDS.clear * width
     edges = np.linspace(0, len(offset), OFFSETS + 1).astype(int)
-    present = np.add.reduceat(np.all(upper | lower, axis=-2).astype(int), edges[:-1], axis=-1) >= _NEAREST
+    present = np.add.reduceat(np.all(upper | lower, axis=-2).astype(int), edges[:-1], axis=-1) >= SIDEBANDS.nearest
     return Sidebands(offset, upper, lower, edges, present)
 
 
@@ -90,7 +89,7 @@ def measured(
         still = x * window.astype(np.float32) * phasor(-turns)
         spectrum = scipy.fft.fft(still, axis=1)
         spectrum /= spectrum[:, :1]
-        bins = np.arange(_NEAREST, _NEAREST + len(used.offset))
+        bins = np.arange(SIDEBANDS.nearest, SIDEBANDS.nearest + len(used.offset))
         above, below = -1j * spectrum[:, bins], 1j * spectrum[:, -bins].conj()
         both = np.where(used.upper[number], above, 0.0) + np.where(used.lower[number], below, 0.0)
         phases.append(sweep.line_sign() * both)

@@ -24,6 +24,7 @@ movement; where it hears itself, most of its oscillator's noise cancels with the
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import overload
 
 import numpy as np
 import scipy.fft
@@ -31,16 +32,18 @@ from scipy.ndimage import median_filter
 
 from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
 from drfmcw_fusion.combination import Station as Share
-from drfmcw_node.estimation import Estimates, EstimatorSettings
-from drfmcw_node.pair import PairEstimator, SingleEstimator
-from drfmcw_node.processing import Beat
-from drfmcw_node.spectral import window_samples
+from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
+from drfmcw_node.estimators.pair import PairEstimator, SingleEstimator
+from drfmcw_node.estimators.spectral import window_samples
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.sweep import Role, SweepSettings
+from drfmcw_physics.sweep import SweepSettings
 
 from ..recording.dataset import delay_of_one
+from ..recording.topology import Topology
 from . import adc_codes, coherence
+from .limits import SPECTRUM
 
 BANDS = 8
 """Bands of equal width in which the noise is compared."""
@@ -54,24 +57,8 @@ SPAN = 64
 BURST = 2.2
 """Times the median power, which no span of steady noise reaches."""
 
-_SPAN_SHARE = 0.1  # of the window's largest power that a span must have
-_FREE_SWEEPS = 3  # without a burst, that tell the noise between bursts
-_CLEAR = 24  # bins from the line, its mirror and 0 Hz that a harmonic must keep
-_BLOCKS = range(12, 21)  # samples per block: changes within the sweep up to 50 kHz
 LINE = 64
 """Bins on either side of a line in which no other is looked for: the ramp's features tell what is there."""
-
-_EDGE = 32  # bins next to 0 Hz and to the Nyquist frequency that are not compared
-_MEDIAN = 65  # bins over which the noise around a narrow line is taken
-
-
-@dataclasses.dataclass(frozen=True)
-class Channel:
-    """What one of the ramp's series is."""
-
-    of_phase: bool  # else log amplitude
-    receiver: int  # number among the stations with samples, -1 for both
-    words: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,38 +86,28 @@ class Extractor:
     """Turns the samples of one or two stations, of one setting, into features."""
 
     def __init__(
-        self, sweeps: tuple[SweepSettings, ...], calibrations: tuple[Calibration, ...], heard: tuple[int, ...], iq: bool
+        self, sweeps: tuple[SweepSettings, ...], calibrations: tuple[Calibration, ...], topology: Topology
     ) -> None:
         """Prepare the estimators.
 
         Args:
             sweeps: settings of the first and the second station, or of the one that hears itself.
             calibrations: of the same.
-            heard: numbers of the stations with samples.
-            iq: quadrature samples.
+            topology: of the same.
         """
-        self.sweeps, self.calibrations, self.heard, self.iq = sweeps, calibrations, heard, iq
-        settings = EstimatorSettings(estimator='pair')
-        own = heard[0]
+        self.sweeps, self.calibrations, self.topology = sweeps, calibrations, topology
+        settings, iq, own = EstimatorSettings(estimator='pair'), topology.iq, topology.heard[0]
         self.sign = sweeps[0].line_sign() * sweeps[-1].line_sign()
-        rate, wave = abs(sweeps[own].chirp_rate), SPEED_OF_LIGHT / sweeps[0].center_frequency
-        if len(heard) == 2:
-            self.estimator = PairEstimator(*sweeps, settings, iq, *calibrations, blocks=_BLOCKS, chirp_known=False)
-            self.way_per_phase = wave / (4.0 * np.pi)
-            self.beat_per_start_delay = 2.0 * rate
-            self.channels = (
-                *(Channel(False, i, 'IF amplitude over the sweep') for i in range(2)),
-                *(Channel(True, -1, f'{which} of both IF phases over the sweep') for which in ('sum', 'difference')),
+        self.way_per_phase = topology.way_per_phase(sweeps)
+        self.beat_per_start_delay = topology.beat_per_start_delay(sweeps)
+        self.estimator: PairEstimator | SingleEstimator
+        if topology.both_heard:
+            self.estimator = PairEstimator(
+                *sweeps, settings, iq, *calibrations, blocks=SPECTRUM.blocks, chirp_known=False
             )
         else:
-            alone = sweeps[own]
-            self.estimator = SingleEstimator(alone, settings, iq, calibrations[own], calibrations[-1 - own], _BLOCKS)
-            self.way_per_phase = alone.line_sign() * wave / (2.0 * np.pi) if alone.hears_itself else 0.0
-            self.beat_per_start_delay = rate if alone.role == Role.FIRST else self.sign * rate
-            self.channels = tuple(
-                Channel(of_phase, 0, f'IF {what} over the sweep')
-                for of_phase, what in ((False, 'amplitude'), (True, 'phase'))
-            )
+            calibrated = calibrations[own], calibrations[-1 - own]
+            self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, SPECTRUM.blocks)
         window = self.estimator.stations[0].duration
         self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)  # deviation of mid-window phase per slope
         self.window_power = tuple(s.meter.window_power for s in self.estimator.stations)
@@ -194,11 +171,11 @@ class Extractor:
             sweeps: features of a group, of one station.
             noise: variance per sample (S,) [LSB^2].
         """
-        parts = 2.0 if self.iq else 1.0
-        line = 10.0 ** (sweeps.amplitude.mean(axis=0) / 10.0) * (1.0 if self.iq else 0.25)
+        parts = self.topology.parts
+        line = 10.0 ** (sweeps.amplitude.mean(axis=0) / 10.0) * self.topology.line_share
         ramp = noise / (2.0 * self.estimator.block * line)
         mean = noise / parts * np.array([w @ w for w in self._weights])
-        return np.tile(ramp, 2), np.repeat(mean[:, None], int(parts), axis=1)
+        return np.tile(ramp, 2), np.repeat(mean[:, None], parts, axis=1)
 
     def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
         """Return each sweep's share in the coherence of both lines' phase noise (n, OFFSETS), see `coherence`.
@@ -209,7 +186,7 @@ class Extractor:
             samples: of each station with samples (n, N).
             sweeps: their features.
         """
-        if len(samples) < 2 or self.iq:
+        if not self.topology.shares_noise:
             return np.zeros((len(samples[0]), coherence.OFFSETS))
         time = sweeps.time - sweeps.time.mean()
         total, difference = sweeps.ramp[:, 2:].mean(axis=0)
@@ -240,8 +217,7 @@ class Extractor:
         phase = np.unwrap(np.angle(base.lines), axis=-1)
         phase -= phase.mean(axis=-1, keepdims=True)
         phase -= (phase * t).sum(axis=-1, keepdims=True) / (t * t).sum(axis=-1, keepdims=True) * t
-        per_baseband = 1.0 if self.iq else 2.0  # a real line has its other half at negative frequency
-        parts = 2 if self.iq else 1
+        parts = self.topology.parts
         means = [
             np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
             for x, w in zip(samples, self._weights, strict=True)
@@ -250,16 +226,16 @@ class Extractor:
         of_stations = tuple(
             np.stack(
                 [
-                    take(_complex(x, self.iq), at, w, s.sweep)
+                    take(_complex(x, self.topology.iq), at, w, s.sweep)
                     for x, at, w, s in zip(samples, base.beat, self._weights, stations, strict=True)
                 ],
                 axis=1,
             )
             for take in taken
         )
-        if len(self.heard) == 1:
+        if not self.topology.both_heard:
             phases, beat = phase, base.beat[0]
-            own = self.heard[0]
+            own = self.topology.heard[0]
             delay = delay_of_one(self.sweeps[own], beat, self.calibrations[own], self.calibrations[-1 - own])
         else:
             one, two = phase[0], self.sign * phase[1]
@@ -272,7 +248,7 @@ class Extractor:
             base.beat.T,
             np.stack(means, axis=1),
             beat,
-            20.0 / np.log(10.0) * level.T + 20.0 * np.log10(per_baseband),
+            20.0 / np.log(10.0) * level.T + 20.0 * np.log10(self.topology.amplitude_factor),
             delay,
             *told,
             *of_stations,
@@ -283,7 +259,7 @@ class Extractor:
         independent = np.sqrt(sum(e.independent_std**2 for e in estimates))
         if len(estimates) == 1:
             (only,) = estimates
-            std, carrier = only.frequency_std / abs(self.sweeps[self.heard[0]].chirp_rate), only.phase
+            std, carrier = only.frequency_std / abs(self.sweeps[self.topology.heard[0]].chirp_rate), only.phase
         else:
             paths = [self._path(estimates, row) for row in range(len(independent))]
             std, carrier = np.array([p.std for p in paths]), np.array([p.carrier_phase for p in paths])
@@ -301,7 +277,7 @@ class Extractor:
         turn = coherence.phasor(-(frequency[:, None] / rate) * step)
         weighted = samples * weights.astype(np.float32)
         line = np.einsum('ij,ij->i', weighted, turn)
-        if self.iq:  # a quadrature receiver's line may stand at negative frequency
+        if not self.topology.has_mirror:  # a quadrature receiver's line may stand at negative frequency
             mirror = np.einsum('ij,ij->i', weighted.conj(), turn)
             below = np.abs(mirror) > np.abs(line)
             weighted = np.where(below[:, None], weighted.conj(), weighted)
@@ -312,13 +288,13 @@ class Extractor:
             while reached < order:
                 power, reached = power * turn, reached + 1
             # cos^3 and sin^3 of I and Q hold cos(3 psi) and -sin(3 psi): a line at three times the negative frequency
-            multiple = -order if self.iq and order % 4 == 3 else order
+            multiple = -order if self.topology.iq and order % 4 == 3 else order
             value = np.einsum('ij,ij->i', weighted, power if multiple > 0 else power.conj())
             value = value * np.exp(-1j * multiple * np.angle(line)) / np.abs(line)
             # in cycles per sample, between -1/2 and 1/2
             at, own = ((f + 0.5) % 1.0 - 0.5 for f in (multiple * frequency / rate, frequency / rate))
             apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
-            found.append(np.where(apart * len(weights) < _CLEAR, np.nan, value))
+            found.append(np.where(apart * len(weights) < SPECTRUM.clear, np.nan, value))
         stacked = np.stack(found, axis=1)
         return np.concatenate([stacked.real, stacked.imag], axis=1)
 
@@ -333,18 +309,18 @@ class Extractor:
     ) -> np.ndarray:
         """Return the power of one station's IF without its line in spans of the sweep (n, T) [LSB^2]."""
         weights = (weights / weights.max()).astype(np.float32)
-        transform = np.fft.fft if self.iq else np.fft.rfft
+        transform = np.fft.fft if self.topology.iq else np.fft.rfft
         spectrum = transform(samples * weights, axis=1)
         bins = len(weights) // 2 + 1
         masked = near_line(bins, frequency, sweep.sample_rate / len(weights), sweep.sample_rate)
         spectrum[:, :bins][masked] = 0.0
-        if self.iq:
+        if self.topology.iq:
             spectrum[:, bins:][masked[:, -2:0:-1]] = 0.0
-        left = np.fft.ifft(spectrum) if self.iq else np.fft.irfft(spectrum, len(weights))
+        left = np.fft.ifft(spectrum) if self.topology.iq else np.fft.irfft(spectrum, len(weights))
         spans = len(weights) // SPAN
         power = (np.abs(left[:, : spans * SPAN]) ** 2).reshape(len(left), spans, SPAN).mean(axis=2)
         expected = (weights[: spans * SPAN] ** 2).reshape(spans, SPAN).mean(axis=1)
-        clear = expected > _SPAN_SHARE
+        clear = expected > SPECTRUM.span_share
         return power[:, clear] / expected[clear]
 
     def _path(self, estimates: Sequence[Estimates], row: int) -> PathDelay:
@@ -364,7 +340,7 @@ def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
     return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
 
 
-def local_noise(power: np.ndarray, bins: int = _MEDIAN) -> np.ndarray:
+def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
     """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
     return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='nearest')
 
@@ -380,15 +356,19 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
     """
     axis = np.arange(bins) * width
     close = np.abs(axis - frequency[..., None]) < LINE * width
-    return close | (axis < _EDGE * width) | (axis > rate / 2 - _EDGE * width)
+    return close | (axis < SPECTRUM.edge * width) | (axis > rate / 2 - SPECTRUM.edge * width)
 
 
-def gaussian(ratio: np.ndarray, count: int | np.ndarray) -> np.ndarray:
+def gaussian(ratio: np.ndarray, count: float | np.ndarray) -> np.ndarray:
     """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
     return (np.cbrt(ratio) - np.cbrt(median_of_mean(count))) * np.sqrt(9.0 * count)
 
 
-def median_of_mean(count: int | np.ndarray) -> float | np.ndarray:
+@overload
+def median_of_mean(count: float) -> float: ...
+@overload
+def median_of_mean(count: np.ndarray) -> np.ndarray: ...
+def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
     """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
     return (1.0 - 1.0 / (9.0 * count)) ** 3
 
@@ -396,7 +376,7 @@ def median_of_mean(count: int | np.ndarray) -> float | np.ndarray:
 def quiet_sweeps(quiet: np.ndarray) -> np.ndarray:
     """Return which sweeps hold no burst (n, S), all of a station where hardly any is free; `quiet` (n, S, T)."""
     free = ~np.any(quiet > BURST * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
-    return free | (free.sum(axis=0) < _FREE_SWEEPS)
+    return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
 
 
 def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

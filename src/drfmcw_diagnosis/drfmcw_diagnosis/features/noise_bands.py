@@ -5,9 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .extractor import BANDS, median_of_mean, near_line
-
-_FEWEST_BINS = 16  # of a band that tell its noise
-_NOTICED = 1e-3  # of the noise, below which a line leaves the median of its band alone
+from .limits import SPECTRUM
 
 
 class NoiseBands:
@@ -44,7 +42,7 @@ class NoiseBands:
             for band in range(BANDS):
                 inside = power[station, edges[band] : edges[band + 1]]
                 inside = inside[~masked[station, edges[band] : edges[band + 1]]]
-                if len(inside) < _FEWEST_BINS:
+                if len(inside) < SPECTRUM.fewest_bins:
                     continue
                 median = np.median(inside) / median_of_mean(count[station])
                 noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
@@ -64,7 +62,7 @@ class NoiseBands:
         edges = _edges(bins)
         power = self._window_power[:, None]
         noise, floor = quiet.copy(), np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=-1)
-        noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=-1) > _NOTICED
+        noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=-1) > SPECTRUM.noticed
         if noticed.any():
             shown = np.where(self.at_line(line, bins), np.nan, floor + added)
         for group, station, band in zip(*np.nonzero(noticed), strict=True):

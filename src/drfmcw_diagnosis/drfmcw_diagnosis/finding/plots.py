@@ -32,12 +32,12 @@ _STYLE: Any = {
     'legend.frameon': False,
 }
 _WIDTH = 11.0  # [in]
-_DPI = 150  # half as fine again as a screen, enough for paper
+_DPI = 150  # 1.5 times a screen's, enough for paper
 _COLORS = 192
-_ENLARGED = 4.0  # what is left is shown enlarged too where it was so much larger before
-_BARS = 120  # up to so many points have error bars of their own
-_DEEPEST = 8.0  # the deepest red of a map stands for at least this misfit, so that noise stays pale
-_CELLS = 14  # columns up to which a map's cells hold their numbers
+_ENLARGED = 4.0  # the remainder is also shown enlarged if the residual was this many times larger before
+_BARS = 120  # most points drawn with error bars of their own
+_DEEPEST = 8.0  # least misfit for the deepest red of a map, so that noise stays pale
+_CELLS = 14  # most columns of a map whose cells hold their numbers
 
 
 def _figure(height: float) -> Figure:
@@ -47,15 +47,16 @@ def _figure(height: float) -> Figure:
 def _png(figure: Figure) -> bytes:
     """Return a figure as PNG with a palette: a third of the size, and no date in it."""
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    canvas.draw()  # type: ignore[no-untyped-call]
+    pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    drawn = Image.fromarray(pixels[..., :3])
     image = io.BytesIO()
     drawn.quantize(_COLORS, dither=Image.Dither.NONE).save(image, 'PNG', optimize=True)
     return image.getvalue()
 
 
 def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
-    """Return the map before and, where something was explained, after."""
+    """Return the map before and, if there is an explanation, after."""
     panels = [('nominal model', shown.before)]
     if explained:
         panels = [('before: nominal model', shown.before), ('after: explanation in the model', shown.after)]
@@ -118,7 +119,7 @@ def _cell(value: float) -> str:
 
 
 def series_panels(series: Series, locations: Sequence[Location], explained: bool) -> bytes:
-    """Return the residual against its axis before, with the effect's curve, and after where something was explained."""
+    """Return the residual against its axis before, with the effect's curve, and after if there is an explanation."""
     known = np.isfinite(series.x) & np.isfinite(series.residual)
     series = dataclasses.replace(
         series,
@@ -141,9 +142,9 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
         if scale[1] - scale[0] > _ENLARGED * (narrow[1] - narrow[0]):
             panels.append((after, 'after, enlarged', narrow))
     spans = [
-        (place.start * x_factor, place.end * x_factor)
-        for place in locations
-        if (place.level, place.station or None, place.axis) == (series.level, series.station or None, series.axis)
+        (x.start * x_factor, x.end * x_factor)
+        for x in locations
+        if (x.level, x.station or None, x.axis) == (series.level, series.station or None, series.axis)
     ]
     with matplotlib.rc_context(_STYLE):
         figure = _figure(3.3)
@@ -161,7 +162,7 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
             for span in spans if number == 0 else ():
                 axis.plot(
                     span, (0.0, 0.0), color=SPAN, linewidth=9, solid_capstyle='butt', zorder=5,
-                    transform=axis.get_xaxis_transform(), label='where the misfit sits' if span is spans[0] else None,
+                    transform=axis.get_xaxis_transform(), label='location of the misfit' if span is spans[0] else None,
                 )  # fmt: skip
             axis.set_title(title)
             axis.set_xlabel(_label(name, x_unit))
@@ -197,7 +198,7 @@ def _points(axis: Axes, x: np.ndarray, values: np.ndarray, std: np.ndarray) -> N
         _, weight = _means(x, np.ones_like(x), total=True)
         axis.errorbar(
             at, mean, np.sqrt(variance / weight), fmt='D', markersize=4, color='black', zorder=3,
-            label='mean, ± 1 std of it',
+            label='mean, ± 1 std of the mean',
         )  # fmt: skip
 
 
@@ -219,7 +220,7 @@ def _label(words: str, unit: str) -> str:
 
 def held_out(fit: Fit) -> bytes:
     """Return misfit per degree of freedom before and after, on the fitted and on the held-out sweeps."""
-    rows = (('sweeps of the fit', fit.fitted), ('sweeps kept out', fit.held_out))
+    rows = (('fitted sweeps', fit.fitted), ('held-out sweeps', fit.held_out))
     with matplotlib.rc_context(_STYLE):
         figure = _figure(1.9)
         axis = figure.subplots()

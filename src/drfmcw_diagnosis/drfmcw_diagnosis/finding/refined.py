@@ -12,7 +12,7 @@ import yaml
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros.cli import write_atomically
-from drfmcw_sim.effects import Effect, effect_from_mapping
+from drfmcw_sim.effects import Effect, Of, effect_from_mapping
 from drfmcw_sim.scenario import TimingSettings, WeatherSettings, scenario_from_mapping
 
 from ..recording.dataset import Dataset
@@ -130,7 +130,9 @@ def _free_space(sweeps: Sequence[SweepSettings]) -> bool:
 
 def _effect(dataset: Dataset, effect: FoundEffect) -> dict[str, Any]:
     name, station, parameters = effect
-    values = {key: _number(value) if np.ndim(value) == 0 else _numbers(value) for key, value in parameters.items()}
+    values = {
+        key: _numbers(value) if isinstance(value, Sequence) else _number(value) for key, value in parameters.items()
+    }
     return {'effect': name} | ({'station': station} if station else {}) | values
 
 
@@ -162,7 +164,7 @@ def _distances(
     of_reference = [
         e
         for i, mapping in enumerate(effects)
-        if (e := effect_from_mapping(mapping, f'effects[{i}]', list(dataset.stations))).of == 'reference'
+        if (e := effect_from_mapping(mapping, f'effects[{i}]', list(dataset.stations))).of is Of.REFERENCE
     ]
     distances, steps = [], []
     for number, start in enumerate(starts):
@@ -232,7 +234,7 @@ def _station(dataset: Dataset, i: int, pauses: np.ndarray) -> dict[str, Any]:
     calibration, sweep = dataset.calibration[i], dataset.sweeps[0][i]
     full_scale = float(np.median(dataset.full_scale[i]))
     bits = math.ceil(math.log2(full_scale)) + 1
-    result = {
+    result: dict[str, Any] = {
         'alpha': float(calibration.alpha),
         'sample_clock_alpha': float(calibration.sample_clock_alpha),
         'calibration_temperature': float(calibration.temperature),
@@ -266,7 +268,7 @@ def _reference(dataset: Dataset) -> dict[str, Any]:
 
 def _start_delay_jitter(dataset: Dataset) -> float:
     """Return the standard deviation of the true T_off from sweep to sweep, as both lines tell it together [s]."""
-    if len(dataset.stations) == 1 or any(s is None for s in dataset.samples):
+    if not dataset.topology.both_heard:
         return TimingSettings().start_delay_jitter
     variances = []
     for rows in _sizeable_groups(dataset):

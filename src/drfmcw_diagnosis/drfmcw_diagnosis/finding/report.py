@@ -1,4 +1,4 @@
-"""A diagnosis as one HTML page that needs nothing else: no network, no scripts, pictures inside."""
+"""A diagnosis as one self-contained HTML page: no network, no scripts, pictures inside."""
 
 import base64
 import dataclasses
@@ -16,13 +16,13 @@ from . import plots, wording
 from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
 PANELS = 6
-"""Series shown at most at once, those with the largest excess misfit; the others are folded away."""
+"""Most series shown unfolded: those with the largest excess misfit."""
 
 MOST = 30
-"""Series in the page at all, which keeps it below 3 MB."""
+"""Most series in the page, which keeps it below 3 MB."""
 
 LEAST = 2
-"""Series shown at once even where there is nothing in them but noise."""
+"""Fewest series shown unfolded, even if they hold nothing but noise."""
 
 _FULL_BAR = 5.0 * SEPARABLE  # separation from which on a measurement's bar is full
 
@@ -37,7 +37,7 @@ _ENVIRONMENT = jinja2.Environment(
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """A picture and what is said beside it."""
+    """A picture with its title and note."""
 
     title: str
     note: str
@@ -46,7 +46,7 @@ class Panel:
 
 @dataclasses.dataclass(frozen=True)
 class Tile:
-    """A figure that is seen first."""
+    """A figure at the top of the page."""
 
     name: str
     value: str
@@ -67,7 +67,7 @@ class Ranked:
 
 @dataclasses.dataclass(frozen=True)
 class Deciding:
-    """One hypothetical measurement in the list of those that may decide."""
+    """One hypothetical measurement in the list of those that may decide between explanations."""
 
     sentence: str
     separation: str
@@ -96,7 +96,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
     ranges = _range_series(diagnosis.series)
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
     panels = [_panel(s, diagnosis) for s in others[:MOST]]
-    shown = min(PANELS, max(LEAST, sum(map(_tells, others))))
+    shown = min(PANELS, max(LEAST, sum(map(_is_informative, others))))
     return _ENVIRONMENT.get_template('report.html').render(
         d=diagnosis,
         w=wording,
@@ -138,13 +138,13 @@ def _keep_together(text: str) -> Markup:
 
 
 def _excess(series: Series) -> float:
-    """Return by how much the sum of squares exceeds what noise gives."""
+    """Return by how much the sum of squares exceeds that of noise."""
     squares = _squares(series, series.residual)
     return float(np.sum(squares - 1.0)) if len(squares) else -math.inf
 
 
-def _tells(series: Series) -> bool:
-    """Return True where there is more than noise, or the explanation adds something."""
+def _is_informative(series: Series) -> bool:
+    """Return whether a series holds more than noise, or the explanation adds something to it."""
     n = len(_squares(series, series.residual))
     return bool(_excess(series) > 3.0 * math.sqrt(2.0 * n) or np.any(np.abs(series.curve) > 0.5 * series.std))
 
@@ -184,11 +184,13 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
     if math.isfinite(fit.held_out.before):
         after = f' → {wording.misfit(fit.held_out.after)}' if explained else ''
         value = wording.misfit(fit.held_out.before) + after
-        tiles.append(Tile('misfit on sweeps kept out', value, '1 when the model is right'))
+        tiles.append(Tile('misfit on held-out sweeps', value, '1 for a correct model'))
     if fit.range_bias is not None:
         tiles.append(Tile('mean range error', both(fit.range_bias), 'against the reference'))
     if fit.range_std is not None:
-        tiles.append(Tile('range scatter', both(fit.range_std, sign=False), "the reference's own included"))
+        tiles.append(
+            Tile('standard deviation of the range', both(fit.range_std, sign=False), "including the reference's own")
+        )
     tiles.append(
         Tile(
             'a mismatch this large by chance',
@@ -231,7 +233,7 @@ def _deciding(diagnosis: Diagnosis) -> list[Deciding]:
             m.decides > 0,
         )
         for m in diagnosis.measurements
-        if m.separation >= wording.TELLING
+        if m.separation >= wording.INFORMATIVE
     ]
 
 

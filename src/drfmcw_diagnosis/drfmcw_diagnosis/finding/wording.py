@@ -3,12 +3,11 @@
 import dataclasses
 import math
 import re
-import sys
 
 import numpy as np
 
 from drfmcw_physics.settings import declared_parameters
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import Effect, Of
 
 from .result import SEPARABLE, BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
 
@@ -19,9 +18,9 @@ AXES = {
     'time': ('time in the recording', 's'),
     'board_temperature': ('board temperature', 'degC'),
     'velocity': ('velocity', 'm/s'),
-    'adc_code': ('codes of the ADC', 'LSB'),
+    'adc_code': ('ADC code', 'LSB'),
 }
-"""Axes of locations and series: {name: (in words, unit)}; others are shown by their names."""
+"""Axes of locations and series: {name: (in words, unit)}; other axes are shown by their names."""
 
 LEVEL_WORDS = {
     'if_samples': 'IF signal',
@@ -32,8 +31,8 @@ LEVEL_WORDS = {
     'range': 'range',
 }
 
-TELLING = 1.0
-"""Separation below which a measurement tells nothing [standard deviations]."""
+INFORMATIVE = 1.0
+"""Separation from which on a measurement contributes to the decision [standard deviations]."""
 
 _UNITS = {'1': '', '1e-6': '·10⁻⁶', 'm^2': 'm²', 'degC': '°C'}
 _PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the first that fits is taken
@@ -41,13 +40,13 @@ _PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the fir
     's': ((1.0, 1.0, 's'), (1e-3, 1e3, 'ms'), (1e-6, 1e6, 'µs'), (0.0, 1e9, 'ns')),
     'm': ((1.0, 1.0, 'm'), (0.0, 1e3, 'mm')),
 }
-_ACRONYMS = {'pll', 'tx', 'if'}
-_LISTED = 4  # rivals and locations that the sentences name; the tables hold all
-_FURTHER = 2  # measurements that they name after the best
+_LISTED = 4  # rivals and locations named in the sentences; the tables hold all
+_FURTHER = 2  # measurements named after the best one
+_IDEAL = 'A correct model gives 1.'
 
 
 def scaled(magnitude: float, unit: str) -> tuple[float, str]:
-    """Return (factor, unit as shown) that suit a number as large as `magnitude` [unit]."""
+    """Return the (factor, unit as shown) that suit a number of size `magnitude` [unit]."""
     if not magnitude:
         return 1.0, _UNITS.get(unit, unit)
     for smallest, factor, shown in _PREFIXES.get(unit, ()):
@@ -57,9 +56,9 @@ def scaled(magnitude: float, unit: str) -> tuple[float, str]:
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, without an exponent where it is of everyday size."""
+    """Return a number with `digits` significant digits, without an exponent if it is neither tiny nor huge."""
     if not math.isfinite(value):
-        return 'not known'
+        return 'unknown'
     if value == 0.0:
         return '0'
     written = f'{value:.{digits - 1}e}'
@@ -76,17 +75,17 @@ def number(value: float, unit: str, digits: int = 3, sign: bool = False) -> str:
 
 
 def quantity(value: float, std: float, unit: str) -> str:
-    """Return 'value ± std unit': the std with one digit, or two where it begins with 1 or 2; the value as fine."""
+    """Return 'value ± std unit': one digit of the std, two if it begins with 1 or 2; the value to the same decimal."""
     if not math.isfinite(std) or std <= 0.0:
-        return f'{number(value, unit, 4)} (uncertainty not known)'
+        return f'{number(value, unit, 4)} (uncertainty unknown)'
     factor, shown = scaled(max(abs(value), std), unit)
     value, std = value * factor, std * factor
     exponent = math.floor(math.log10(std))
     decimals = -exponent + (float(f'{std:.1e}') < 3.0 * 10.0**exponent)
     if decimals > 9 or exponent > 6:
         return f'{value:.6g} ± {std:.2g} {shown}'.strip()
-    places = max(0, decimals)
-    text = f'{round(value, decimals):.{places}f} ± {round(std, decimals):.{places}f}'
+    shown_decimals = max(0, decimals)
+    text = f'{round(value, decimals):.{shown_decimals}f} ± {round(std, decimals):.{shown_decimals}f}'
     return f'({text}){shown}' if shown.startswith('·') else f'{text}{_gap(shown)}'
 
 
@@ -102,7 +101,7 @@ def misfit(value: float) -> str:
 def share(value: float) -> str:
     """Return a share in per cent."""
     if not math.isfinite(value):
-        return 'not known'
+        return 'unknown'
     percent = 100.0 * value
     return 'less than 1 %' if 0.0 < percent < 0.5 else f'{percent:.0f} %'
 
@@ -137,10 +136,10 @@ def _grouped(value: float) -> str:
 
 
 def span(location: Location) -> str:
-    """Return where a location lies on its axis, e.g. 'time in the sweep 0.10 to 0.95 ms'."""
+    """Return the interval of a location on its axis, e.g. 'time in the sweep 0.10 to 0.95 ms'."""
     name, unit = axis(location.axis)
     if not (math.isfinite(location.start) and math.isfinite(location.end)):
-        return f'over all of the {name}'
+        return f'every {name}'
     factor, shown = scaled(max(abs(location.start), abs(location.end)), unit)
     start, end = location.start * factor, location.end * factor
     if end <= start:
@@ -154,7 +153,7 @@ def axis(name: str) -> tuple[str, str]:
     return AXES.get(name, (name.replace('_', ' '), ''))
 
 
-def place(level: str, station: str | None) -> str:
+def level_title(level: str, station: str | None) -> str:
     """Return level and station in words, e.g. 'IF signal of master'."""
     words = LEVEL_WORDS.get(level, level.replace('_', ' '))
     return f'{words} of {station}' if station else words
@@ -166,7 +165,7 @@ class ParameterWords:
 
     name: str
     size: str  # with standard deviation and unit
-    description: str  # '' where the one before it has the same
+    description: str  # '' if the parameter before it has the same
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,7 +183,7 @@ def effect_words(found: FoundEffect) -> EffectWords:
     """Describe an effect of an explanation by the docstrings and declarations of its class.
 
     Raises:
-        KeyError: the registry has no such effect, or it no such parameter.
+        KeyError: the registry has no such effect, or the effect no such parameter.
     """
     cls = Effect.registry[found.effect]
     declared = declared_parameters(cls)
@@ -195,10 +194,9 @@ def effect_words(found: FoundEffect) -> EffectWords:
         description = '' if base in seen else declared[base][1].description
         seen.add(base)
         parameters.append(ParameterWords(name.replace('_', ' '), size, description))
-    headline = _first_sentence(sys.modules[cls.__module__].__doc__)
     return EffectWords(
         effect_title(found),
-        headline[0].lower() + headline[1:].rstrip('.'),
+        cls.headline[0].lower() + cls.headline[1:].rstrip('.'),
         ' '.join(str(cls.__doc__).split()),
         cls.formula,
         tuple(parameters),
@@ -211,13 +209,12 @@ def parameter_name(name: str) -> str:
 
 
 def effect_title(found: FoundEffect) -> str:
-    """Return name and place of an effect, e.g. 'sweep ripple at master'."""
-    name = ' '.join(w.upper() if w in _ACRONYMS else w for w in found.effect.split('_'))
+    """Return name and station of an effect, e.g. 'sweep ripple at master'."""
+    cls = Effect.registry[found.effect]
     if found.station:
-        return f'{name} at {found.station}'
-    return {'station': f'{name} at all stations', 'path': f'{name} on the path'}.get(
-        Effect.registry[found.effect].of, name
-    )
+        return f'{cls.title} at {found.station}'
+    where = {Of.STATION: ' at all stations', Of.PATH: ' on the path', Of.REFERENCE: ''}
+    return cls.title + where[cls.of]
 
 
 def explanation_title(explanation: Explanation) -> str:
@@ -226,19 +223,19 @@ def explanation_title(explanation: Explanation) -> str:
 
 
 def effect_sentence(found: FoundEffect) -> str:
-    """Return what an effect is, where, how large, and what it does to the range."""
+    """Return what an effect is, where it acts, how large it is, and how it changes the range."""
     words = effect_words(found)
     sizes = ', '.join(f'{p.name} {p.size}' + (f' ({p.description})' if p.description else '') for p in words.parameters)
     text = f'{capital(words.title)}: {words.headline}. {_first_sentence(words.description)}'
     if sizes:
         text += f' {capital(sizes)}.'
     if found.range_shift is not None:
-        text += f' In this recording it changes the range by up to {millimetres(found.range_shift)[0]}.'
+        text += f' It changes the range in this recording by up to {millimetres(found.range_shift)[0]}.'
     return text
 
 
 def millimetres(*values: float, sign: bool = True) -> list[str]:
-    """Return lengths in mm, all with the same decimals; in m where one is 10 m or more."""
+    """Return lengths in mm, all with the same decimals; in m if one is 10 m or more."""
     largest = max(map(abs, values))
     if not largest < 10.0:
         return [number(value, 'm', sign=sign) for value in values]
@@ -268,9 +265,9 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == 'consistent':
         return 'The model explains this recording'
     if diagnosis.verdict == 'unexplained':
-        return 'There is a mismatch, and no known effect accounts for it'
+        return 'The model does not match this recording, and no known effect explains why'
     if diagnosis.verdict == 'ambiguous':
-        return 'There is a mismatch, and several explanations fit it alike'
+        return 'The model does not match this recording, and several explanations fit equally well'
     return capital(_explained(diagnosis).replace(' + ', ' and '))
 
 
@@ -279,7 +276,7 @@ def _explained(diagnosis: Diagnosis) -> str:
 
 
 def paragraphs(diagnosis: Diagnosis) -> tuple[Paragraph, ...]:
-    """Return the finding in plain sentences, in the order in which one asks."""
+    """Return the finding in plain sentences, in the order of a reader's questions."""
     parts = [
         Paragraph('Finding', tuple(_finding(diagnosis))),
         Paragraph('Where', tuple(_where(diagnosis))),
@@ -296,37 +293,37 @@ def paragraphs(diagnosis: Diagnosis) -> tuple[Paragraph, ...]:
 
 
 def sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the finding in plain sentences; those that the diagnosis holds already come last if they say more."""
+    """Return the finding in plain sentences; further sentences that the diagnosis holds come last."""
     return tuple(sentence for part in paragraphs(diagnosis) for sentence in part.sentences)
 
 
 def _finding(diagnosis: Diagnosis) -> list[str]:
     effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     if diagnosis.verdict == 'consistent':
-        return ['The recording is what the model predicts: no mismatch beyond chance.']
+        return ['The model explains the recording: no mismatch exceeds chance.']
     if diagnosis.verdict == 'unexplained':
-        said = ['There is a mismatch, and nothing in the registry of effects accounts for it.']
+        said = ['The model does not match the recording. No effect in the registry explains the mismatch.']
         if effects:
-            said.append(f'The best that was found, {_explained(diagnosis)}, does not remove it.')
+            said.append(f'The best explanation found, {_explained(diagnosis)}, does not remove it.')
         return said
     if diagnosis.verdict == 'ambiguous':
         said = [
-            'There is a mismatch. Several explanations fit it alike, and this recording cannot tell them apart. '
-            'The most probable one first.'
+            'The model does not match the recording. Several explanations fit equally well, and this recording cannot '
+            'separate them. The most probable one comes first.'
         ]
     elif len(effects) == 1:
-        said = ['There is a mismatch, and one effect accounts for it.']
+        said = ['The model does not match the recording. One effect explains the mismatch.']
     else:
-        said = [f'There is a mismatch, and {len(effects)} effects together account for it.']
+        said = [f'The model does not match the recording. {len(effects)} effects together explain the mismatch.']
     said += map(effect_sentence, effects)
     shift = range_change(diagnosis)
     if shift and all(e.range_shift is None for e in effects):
-        said.append(f'In this recording that changes the range by up to {millimetres(shift)[0]}.')
+        said.append(f'Together they change the range in this recording by up to {millimetres(shift)[0]}.')
     return said
 
 
 def range_change(diagnosis: Diagnosis) -> float | None:
-    """Return the largest change of a range by the explanation, with its sign [m]; None where no series tells."""
+    """Return the largest change of a range by the explanation, with its sign [m]; None without a series of it."""
     of_range = (s for s in diagnosis.series if (s.level, s.axis) == ('range', 'range'))
     curves = [s.curve for s in of_range if np.isfinite(s.curve).any()]
     if not curves:
@@ -339,24 +336,24 @@ def _where(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == 'consistent' or not diagnosis.locations:
         return []
     ordered = sorted(diagnosis.locations, key=lambda x: -x.share)
-    said = [f'{place(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[:_LISTED]]
+    said = [f'{level_title(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[:_LISTED]]
     more = len(ordered) - len(said)
-    end = f'; {_count(more, "smaller place")} more' if more else ''
-    return [f'Where the excess misfit sits: {"; ".join(said)}{end}.']
+    end = f'; and {_count(more, "smaller contribution")}' if more else ''
+    return [f'Contributions to the excess misfit: {"; ".join(said)}{end}.']
 
 
 def _certainty(diagnosis: Diagnosis) -> list[str]:
-    largest = 'the largest one here' if diagnosis.verdict == 'consistent' else 'this'
+    largest = 'the largest one here' if diagnosis.verdict == 'consistent' else 'this one'
     said = [
-        f'By chance a mismatch as large as {largest} appears in {chance(diagnosis.significance)}, '
-        'counting every place that was searched.',
-        f'The alarm is set so that {chance(diagnosis.false_alarm_rate)} in which nothing is wrong raise it.',
+        f'Chance alone produces a mismatch as large as {largest} in {chance(diagnosis.significance)}; '
+        'the figure is corrected for every position searched.',
+        f'The threshold accepts a false alarm in {chance(diagnosis.false_alarm_rate)}.',
     ]
     effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     if len(effects) > 1:
         said += [
-            f'{capital(effect_title(e))} alone, the others in place: {odds(e.log_evidence_gain)} probable with it as '
-            f'without; by chance in {chance(e.p_value)}.'
+            f'{capital(effect_title(e))}: with the other effects kept, the data are {odds(e.log_evidence_gain)} '
+            f'probable with it as without it. Chance alone produces such a gain in {chance(e.p_value)}.'
             for e in effects
         ]
     return said
@@ -364,17 +361,16 @@ def _certainty(diagnosis: Diagnosis) -> list[str]:
 
 def _fit(diagnosis: Diagnosis) -> list[str]:
     shown = diagnosis.fit.held_out
-    on = 'the sweeps kept out of the fit'
+    on = 'the held-out sweeps'
     if not math.isfinite(shown.before):
-        shown, on = diagnosis.fit.fitted, 'the sweeps of the fit, too few to keep any out of it'
+        shown, on = diagnosis.fit.fitted, 'the fitted sweeps, which are too few to hold any out'
     elif diagnosis.sweeps_fitted is not None and diagnosis.sweeps_held_out is not None:
         on += f' ({diagnosis.sweeps_held_out} of {diagnosis.sweeps_fitted + diagnosis.sweeps_held_out})'
-    ideal = '1 when the model is right'
     if not math.isfinite(shown.before):
         return []
     if diagnosis.explanation is None:
-        return [f'Misfit per degree of freedom on {on}: {misfit(shown.before)}; {ideal}.']
-    return [f'Misfit per degree of freedom on {on}: {_change(shown)}; {ideal}.']
+        return [f'Misfit per degree of freedom on {on}: {misfit(shown.before)}. {_IDEAL}']
+    return [f'Misfit per degree of freedom on {on}: {_change(shown)}. {_IDEAL}']
 
 
 def _change(figure: BeforeAfter) -> str:
@@ -384,14 +380,14 @@ def _change(figure: BeforeAfter) -> str:
 def _range(diagnosis: Diagnosis) -> list[str]:
     said = []
     for name, figure, sign in (
-        ('mean error', diagnosis.fit.range_bias, True),
-        ('scatter', diagnosis.fit.range_std, False),
+        ('mean', diagnosis.fit.range_bias, True),
+        ('standard deviation', diagnosis.fit.range_std, False),
     ):
         if figure is not None:
             before, after = millimetres(figure.before, figure.after, sign=sign)
             with_it = f' without the explanation, {after} with it' if diagnosis.explanation else ''
             said.append(f'{name} {before}{with_it}')
-    return [f'Range against the reference: {"; ".join(said)}.'] if said else []
+    return [f'Range error against the reference: {"; ".join(said)}.'] if said else []
 
 
 def _rivals(diagnosis: Diagnosis) -> list[str]:
@@ -401,16 +397,16 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == 'explained':
         rival = diagnosis.alternatives[0]
         return [
-            f'The next best explanation is {explanation_title(rival)}; the one above is '
+            f'The second-best explanation is {explanation_title(rival)}. The explanation above is '
             f'{odds(best - rival.log_evidence_gain)} probable.'
         ]
     shown = diagnosis.alternatives[:_LISTED]
     said = [
-        f'It could also be {with_sizes(rival)}; the first one is {odds(best - rival.log_evidence_gain)} probable.'
+        f'Another explanation is {with_sizes(rival)}. The first one is {odds(best - rival.log_evidence_gain)} probable.'
         for rival in shown
     ]
     more = len(diagnosis.alternatives) - len(shown)
-    return [*said, f'{_count(more, "further explanation")} also possible.'] if more else said
+    return [*said, f'{_count(more, "further explanation")} also fit.'] if more else said
 
 
 def with_sizes(explanation: Explanation) -> str:
@@ -422,22 +418,22 @@ def with_sizes(explanation: Explanation) -> str:
 
 
 def _next(diagnosis: Diagnosis) -> list[str]:
-    said = [f'What would decide: {_closed(diagnosis.next_measurement)}'] if diagnosis.next_measurement else []
+    said = [f'Decisive measurement: {_closed(diagnosis.next_measurement)}'] if diagnosis.next_measurement else []
     if not diagnosis.measurements:
         return said
     best, *others = diagnosis.measurements
     tried = f'{_count(len(diagnosis.measurements), "measurement")} simulated under every explanation'
     if not best.decides:
-        if best.separation < TELLING:
-            return [*said, f'Of {tried}, none would tell them apart.']
+        if best.separation < INFORMATIVE:
+            return [*said, f'Of {tried}, none would separate them.']
         return [
             *said,
-            f'Of {tried}, none would decide: the best brings {plain(best.separation, 2)} standard deviations where '
-            f'{SEPARABLE:g} are needed. It is: {_closed(best.sentence)}',
+            f'Of {tried}, none would decide. The best one separates them by {plain(best.separation, 2)} standard '
+            f'deviations; {SEPARABLE:g} are needed. It is: {_closed(best.sentence)}',
         ]
     said.append(
-        f'Of {tried}, this one parts them best: it would rule out {ruled_out(best, diagnosis)}, by '
-        f'{plain(best.separation, 2)} standard deviations at least, if the first explanation is right.'
+        f'Of {tried}, this one separates them best. If the first explanation is right, it rules out '
+        f'{ruled_out(best, diagnosis)} by at least {plain(best.separation, 2)} standard deviations.'
     )
     good = [
         f'{m.sentence.rstrip(".")} ({plain(m.separation, 2)}: {ruled_out(m, diagnosis)})' for m in others if m.decides
@@ -450,8 +446,8 @@ def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
     rivals = diagnosis.alternatives
     if measurement.decides == len(rivals):
         return {1: 'the rival', 2: 'both rivals'}.get(len(rivals), f'all {len(rivals)} rivals')
-    told = zip(rivals, measurement.separations, strict=True)
-    return ', '.join(explanation_title(r) for r, s in told if s >= SEPARABLE) or 'none'
+    separated = zip(rivals, measurement.separations, strict=True)
+    return ', '.join(explanation_title(r) for r, s in separated if s >= SEPARABLE) or 'none'
 
 
 def _count(n: int, noun: str) -> str:

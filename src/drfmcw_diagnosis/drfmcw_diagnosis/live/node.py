@@ -20,7 +20,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
 
 from drfmcw_node.compression import CompressionError, decompress_message
-from drfmcw_node.processing import Sweep
+from drfmcw_node.processing.records import Sweep
 from drfmcw_node.station_settings import SWEEP_TOPICS
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_ros import qos
@@ -28,10 +28,10 @@ from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import OK, STALE, WARN, Diagnostics, Status
 from drfmcw_ros.messages import from_message
 from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.processes import Background, WorkFailed
 from drfmcw_ros.runner import run
 
 from . import watch
-from .background import Background, WorkFailed
 from .watch import Judgement, Watch, WatchSettings
 from .window import Window, WindowSettings
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError, nearest, parameter
 from drfmcw_ros.cli import write_atomically
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import Effect, Motion
 
 from ..engine import check, diagnose_dataset
 from ..finding import wording
@@ -24,6 +24,11 @@ OK, WARN, STALE = 'ok', 'warn', 'stale'
 """How a statement is to be taken."""
 
 _SILENT = 10.0  # without sweeps, after which what was said counts as stale [s]
+
+
+def _driving() -> list[str]:
+    """Return the effects by which a crane drives, which is no reason to warn."""
+    return [name for name, cls in sorted(Effect.registry.items()) if cls.motion is Motion.DRIVE]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +47,7 @@ class WatchSettings:
         60.0, unit='s', bounds=(0.0, 1e6), description='how long a finding stays a warning after it has gone'
     )
     expected: list[str] = parameter(
-        ['target_motion'], description='effects that are no reason to warn; an empty name stands for none'
+        _driving(), description='effects that are no reason to warn; an empty name stands for none'
     )
 
     def __post_init__(self) -> None:
@@ -78,6 +83,17 @@ class Judgement:
     diagnosis: Diagnosis | None = None  # of the search
     written: str = ''  # directory with the finding
 
+    @property
+    def found(self) -> Diagnosis:
+        """The diagnosis.
+
+        Raises:
+            ValueError: no search was made.
+        """
+        if self.diagnosis is None:
+            raise ValueError('this judgement comes from the quick check alone')
+        return self.diagnosis
+
 
 def judge(order: Order) -> Iterator[Judgement]:
     """Yield what the check says, then, where a search is due, what that says."""
@@ -92,10 +108,11 @@ def judge(order: Order) -> Iterator[Judgement]:
         if search:
             out = order.findings / utc(end).replace(':', '').replace('-', '') if order.findings else None
             found = diagnose_dataset(data, order.false_alarm_rate, out, command='./drfmcw watch')
-            kept = out is not None and found.verdict != 'consistent'
-            if kept:
+            written = ''
+            if out is not None and found.verdict != 'consistent':
                 _write(found, checked, out)
-            yield dataclasses.replace(checked, searching=False, diagnosis=found, written=str(out) if kept else '')
+                written = str(out)
+            yield dataclasses.replace(checked, searching=False, diagnosis=found, written=written)
     except (ConfigurationError, OSError) as error:
         yield Judgement(str(error))
 
@@ -193,7 +210,8 @@ class Watch:
         if worth:
             self.finding, self._gone = judgement, None
         elif self.finding is not None:
-            self.finding, self._gone = None, (self.finding, now)
+            self._gone = self.finding, now
+            self.finding = None
 
     def _is_expected(self, diagnosis: Diagnosis) -> bool:
         """Return True where one of the explanations consists of expected effects only."""
@@ -260,12 +278,12 @@ class Watch:
     @staticmethod
     def described(judgement: Judgement) -> str:
         """Return a finding in one sentence."""
-        diagnosis = judgement.diagnosis
+        diagnosis = judgement.found
         if diagnosis.verdict == 'unexplained' or diagnosis.explanation is None:
             said = 'the model does not explain the data, and no known effect accounts for it'
             if diagnosis.locations:
                 worst = max(diagnosis.locations, key=lambda x: x.share)
-                said += f'; most of it in: {wording.place(worst.level, worst.station)}, {wording.span(worst)}'
+                said += f'; most of it in: {wording.level_title(worst.level, worst.station)}, {wording.span(worst)}'
             return said
         said = f'left out of the model: {wording.with_sizes(diagnosis.explanation)}'
         for rival in diagnosis.alternatives:
@@ -277,7 +295,7 @@ class Watch:
 
 def _values(judgement: Judgement) -> dict[str, str | float | int]:
     """Return a finding as keys and values."""
-    diagnosis = judgement.diagnosis
+    diagnosis = judgement.found
     fit = diagnosis.fit.held_out if math.isfinite(diagnosis.fit.held_out.before) else diagnosis.fit.fitted
     values: dict[str, str | float | int] = {
         'verdict': diagnosis.verdict,

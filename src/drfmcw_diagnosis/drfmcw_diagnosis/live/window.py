@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drfmcw_node.processing import Sweep
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.settings import parameter
 
 from ..recording.conditions import Conditions

@@ -5,12 +5,13 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import Effect, Motion, Of, Stage
 from drfmcw_sim.nominal import link_budget
 from drfmcw_sim.signal_model import synthesise
 
@@ -18,12 +19,10 @@ from ..compare.comparison import Comparison
 from ..features.extractor import LINE
 from ..recording.dataset import Dataset
 from .instruments import Effects, Measurement, View
+from .limits import FURTHER
 
 SWEEPS = 12
 """Sweep pairs at each distance, at most."""
-
-_HEADROOM = 6.0  # by which a strong signal is attenuated below full scale [dB]
-_AVERAGED = ('ramp', 'lines', 'mean', 'range', 'velocity')  # kinds of numbers that more sweeps tell better
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +88,7 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
     per_delay = comparison.parts[0].extract.beat_per_start_delay
     jitter = [np.var(s.beat) / per_delay**2 for s in comparison.sweeps]
     scatter = [np.var(s.amplitude, axis=0).mean() for s in comparison.sweeps]
-    samples: list[np.ndarray | None] = [None] * len(data.stations)
+    samples: dict[int, np.ndarray] = {}
     for setting in range(len(distinct)):
         chosen = np.flatnonzero(made.setting == setting)
         nominal = made.nominal(chosen)
@@ -98,10 +97,10 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
         for i, values in enumerate(synthesise(nominal, 0)):
             if data.samples[i] is None:
                 continue
-            if samples[i] is None:
+            if i not in samples:
                 samples[i] = np.empty((len(rows), values.shape[1]), values.dtype)
             samples[i][chosen] = values
-    made = dataclasses.replace(made, samples=tuple(samples))
+    made = dataclasses.replace(made, samples=tuple(samples.get(i) for i in range(len(data.stations))))
     if not conditions.referenced:
         return Comparison(dataclasses.replace(made, reference_std=np.zeros(len(rows))))
     noise = np.concatenate([_scatter(data, m) for m in members])
@@ -116,7 +115,7 @@ def _powered(
     for own, power in zip(sweeps, data.received_power[:, rows].mean(axis=1), strict=True):
         plain = dataclasses.replace(own, tx_eirp=0.0, rx_antenna_gain=0.0)
         gain = power - float(link_budget(plain, plain, np.array(data.distance[rows].mean()))) - attenuation
-        most = own.full_scale_power - _HEADROOM - float(link_budget(plain, plain, np.array(distance)))
+        most = own.full_scale_power - FURTHER.headroom - float(link_budget(plain, plain, np.array(distance)))
         # places of equal gain are simulated together
         result.append(dataclasses.replace(plain, rx_antenna_gain=round(float(min(gain, most)), 2)))
     return tuple(result)
@@ -154,10 +153,10 @@ class _Sweeps(Measurement):
             return None
         made = supposed(comparison, conditions)
         spread = self.spread(made)
-        for kind in ('range', 'velocity', 'amplitude', 'noise'):
-            told = np.isfinite(getattr(comparison.std, kind)).any()
-            if not told and (kind != 'range' or conditions.referenced):
-                spread[made.entries.where(kind=kind)] = np.inf
+        for kind in comparison.kinds:
+            told = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
+            if not told and (not kind.needs_reference or conditions.referenced):
+                spread[made.rows(kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:
             acting = [self.acting(_at(e, conditions.groups), comparison) for e in effects]
@@ -167,14 +166,13 @@ class _Sweeps(Measurement):
 
 
 def _at(effect: Effect, groups: Sequence[int]) -> Effect:
-    """Return an effect whose velocities differ from group to group with those of some groups alone."""
-    velocity = getattr(effect, 'velocity', ())
-    if len(velocity) < 2:
-        return effect
-    return dataclasses.replace(effect, velocity=tuple(velocity[g] for g in groups))
+    """Return an effect whose parameters differ from group to group with those of some groups alone."""
+    lists = {name: getattr(effect, name) for name in effect.list_parameters()}
+    chosen = {name: tuple(values[g] for g in groups) for name, values in lists.items() if len(values) > 1}
+    return dataclasses.replace(effect, **chosen)
 
 
-def _same(comparison: Comparison, places: int, **changes) -> Conditions:
+def _same(comparison: Comparison, places: int, **changes: Any) -> Conditions:
     """Return the recording's own conditions at some of its distances."""
     data, members = comparison.data, comparison.members
     groups = np.unique(np.linspace(0, len(members) - 1, min(places, len(members))).round().astype(int))
@@ -223,8 +221,8 @@ class Baseline(_Sweeps):
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what belongs to the crane and to the reference instrument."""
-        moving = effect.name in ('slant_geometry', 'sway', 'target_motion')
-        return None if moving or effect.of == 'reference' else effect
+        of_crane = effect.motion is not Motion.NONE or effect.stage is Stage.GEOMETRY
+        return None if of_crane or effect.of is Of.REFERENCE else effect
 
     def spread(self, made: Comparison) -> np.ndarray:
         """Return that of the tape."""
@@ -244,7 +242,7 @@ class OtherStartDelay(_Sweeps):
 
     def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the T_off with which most distances can be measured."""
-        if len(comparison.data.stations) < 2:
+        if comparison.data.topology.hears_itself:
             return None
         same = _same(comparison, places)
         best: list[tuple[int, tuple[SweepSettings, ...]]] = []
@@ -280,7 +278,9 @@ class FurtherAway(_Sweeps):
         old = data.sweeps[data.setting[members[group][0]]]
         timed = (_timed(comparison, old, factor * old[0].start_delay, distance) for factor in (1.0, 0.5, 0.25, 2.0))
         sweeps = next((s for s in timed if s is not None), None)
-        return sweeps and _same(comparison, places, groups=(group,), distance=(distance,), sweeps=(sweeps,))
+        if sweeps is None:
+            return None
+        return _same(comparison, places, groups=(group,), distance=(distance,), sweeps=(sweeps,))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -327,7 +327,7 @@ class Repeated(_Sweeps):
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out motion where the crane is held."""
-        return None if self.still and effect.name in ('sway', 'target_motion') else effect
+        return None if self.still and effect.motion is not Motion.NONE else effect
 
 
 @dataclasses.dataclass(frozen=True)
@@ -336,16 +336,20 @@ class Exchanged(_Sweeps):
 
     text = 'Repeat the sweeps with another calibrated station in the place of {m.station}.'
 
-    untellable = frozenset({'delay_offset', 'amplitude_loss', 'echo'})  # may belong to the path or to either station
     station: str
+
+    @staticmethod
+    def predictable(effect: type[Effect]) -> bool:
+        """Return False of an effect that may be the path's or either station's."""
+        return not effect.movable
 
     def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
         """Return the recording's conditions; None where a station hears itself."""
-        return _same(comparison, places) if len(comparison.data.stations) == 2 else None
+        return _same(comparison, places) if comparison.data.topology.is_pair else None
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what the station did."""
-        if effect.of != 'station':
+        if effect.of is not Of.STATION:
             return effect
         left = [s for s in comparison.data.stations if s != self.station and effect.applies_to(s)]
         return dataclasses.replace(effect, station=left[0]) if left else None
@@ -360,6 +364,8 @@ class MoreSweeps(Measurement):
 
     def view(self, comparison: Comparison, places: int) -> View:
         """Return what effects add to the additional sweeps; limits of the model do not average out."""
-        entries = comparison.entries
-        scale = np.where(entries.where(kind=_AVERAGED), math.sqrt(self.times - 1.0), 0.0)
+        scale = np.zeros(len(comparison.residual))
+        for kind in comparison.kinds:
+            if kind.averages:
+                scale[comparison.rows(kind)] = math.sqrt(self.times - 1.0)
         return View(lambda effects: comparison.template(effects) * scale, comparison)

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from drfmcw_node.noise import QUANTISATION
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.signal_model import Measurements
+from drfmcw_sim.measurements import Measurements
 
 from ..compare.comparison import Comparison
 
@@ -29,9 +29,6 @@ class View:
 class Measurement(abc.ABC):
     """A measurement that nobody has made yet."""
 
-    untellable: ClassVar[frozenset[str]] = frozenset()
-    """Effects of which nobody knows what this measurement would make of them."""
-
     text: ClassVar[str] = ''
     """What to do; the measurement's fields and properties stand in braces."""
 
@@ -39,6 +36,11 @@ class Measurement(abc.ABC):
     def sentence(self) -> str:
         """What to do."""
         return self.text.format(m=self)
+
+    @staticmethod
+    def predictable(effect: type[Effect]) -> bool:
+        """Return whether it is known what the measurement would show of an effect."""
+        return True
 
     @abc.abstractmethod
     def view(self, comparison: Comparison, places: int) -> View | None:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from drfmcw_physics.settings import declared_parameters
-from drfmcw_sim.effects import Effect
 
 from ..finding.result import NextMeasurement
 from ..search.fitting import Fitted, Fitting
@@ -28,10 +27,7 @@ from .instruments import (
     SecondInstrument,
     TerminatedAntenna,
 )
-
-_PLACES = 5  # distances of further sweeps, at most
-_PREDICTED = 60  # predictions of each measurement that the time allows
-_DISTORTING = 8  # times as long as others takes the prediction of an effect that distorts the IF
+from .limits import FURTHER
 
 
 def measurements(stations: Sequence[str]) -> Iterator[Measurement]:
@@ -68,7 +64,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
     slopes = []
     for number, effect in enumerate(fitted.effects):
         for name in effect.candidate.free:
-            declared = declared_parameters(Effect.registry[effect.candidate.effect])[name.partition('[')[0]][1]
+            declared = declared_parameters(effect.candidate.kind)[name.partition('[')[0]][1]
             step = effect.candidate.recipe.step(name, effect.values[name])
             if declared.bounds and effect.values[name] + step > declared.bounds[1]:
                 step = -step
@@ -80,7 +76,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
 
 def _condensed(chosen: _Prediction, rival: _Prediction) -> np.ndarray:
     """Return the rival's slopes and the difference to be explained as columns of few rows, with the same products."""
-    return np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r')
+    return np.asarray(np.linalg.qr(np.column_stack([rival.slope, chosen.value - rival.value]), mode='r'))
 
 
 def _misfit(condensed: np.ndarray) -> float:
@@ -112,11 +108,11 @@ def ranked(
     explanations = [chosen, *rivals]
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
-    places = int(np.clip(_PREDICTED / sum(map(_cost, explanations)), 2, _PLACES))
-    names = {e.candidate.effect for f in explanations for e in f.effects}
+    places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.places))
+    kinds = {e.candidate.kind for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
-        view = None if measurement.untellable & names else measurement.view(comparison, places)
+        view = measurement.view(comparison, places) if all(map(measurement.predictable, kinds)) else None
         if view is None:
             continue
         shown = [_predicted(f, view.show) for f in explanations]
@@ -131,8 +127,8 @@ def ranked(
 def _cost(fitted: Fitted) -> int:
     """Return the effort of predicting an explanation and its derivatives at one place."""
     predictions = 1 + sum(len(e.candidate.free) for e in fitted.effects)
-    distorting = any(Effect.registry[e.candidate.effect].distorts() for e in fitted.effects)
-    return predictions * (_DISTORTING if distorting else 1)
+    distorting = any(e.candidate.kind.distorts for e in fitted.effects)
+    return predictions * (FURTHER.distorting if distorting else 1)
 
 
 def _trusted(shown: list[_Prediction], fitting: Fitting, chosen: Fitted) -> list[_Prediction]:

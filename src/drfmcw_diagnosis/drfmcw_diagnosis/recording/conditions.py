@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import sys
 from collections.abc import Collection, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -75,8 +75,9 @@ class Conditions:
         one, other = stations[0], stations[-1]
         for own, peer in ((one, other), (other, one)):
             history = self._settings.get((own, peer))
-            if history:
-                return (own, peer) if history.latest().role == Role.FIRST or own == peer else (peer, own)
+            latest = history.latest() if history else None
+            if latest is not None:
+                return (own, peer) if latest.role == Role.FIRST or own == peer else (peer, own)
         return None
 
     def unknown(self, stations: Sequence[str]) -> list[str]:
@@ -167,16 +168,16 @@ class Conditions:
                 '/reference/range is missing: the measured distance stands in for it, so what only shifts the distance '
                 '(clocks, air, delays, geometry, the reference itself) cannot be told'
             )
-        for own, peer in zip(sweeps, reversed(sweeps), strict=True):
-            if np.isnan(peer.tx_eirp + own.rx_antenna_gain):
-                said.append(f"EIRP or antenna gain unknown: a loss of power at '{own.station}' cannot be told")
+        for sweep, other in zip(sweeps, reversed(sweeps), strict=True):
+            if np.isnan(other.tx_eirp + sweep.rx_antenna_gain):
+                said.append(f"EIRP or antenna gain unknown: a loss of power at '{sweep.station}' cannot be told")
         return said
 
 
 def holding(history: History[T], stamp: int) -> T:
     """Return the value that holds at `stamp`, before all of them the first."""
     found = history.at(stamp)
-    return history.first() if found is None else found[1]
+    return cast(T, history.first()) if found is None else found[1]
 
 
 def _held(history: History[float] | None, stamps: np.ndarray, default: float) -> np.ndarray:

@@ -12,8 +12,9 @@ from drfmcw_fusion.offline import Reference
 from drfmcw_fusion.pipeline import RangeFusion
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_fusion.statistics import reference_at
-from drfmcw_node.estimation import EstimatorSettings
-from drfmcw_node.processing import StationProcessor, Sweep, refusal
+from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.processing.processor import StationProcessor, refusal
+from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
@@ -22,17 +23,17 @@ from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency
 from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import from_message
 from drfmcw_ros.topics import is_measured, split_station_topic
+from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.nominal import link_budget, nominal_measurements
-from drfmcw_sim.signal_model import Measurements
 
 from .conditions import WEATHER, Conditions
 from .grouping import groups, slopes
+from .limits import LINES
+from .topology import Topology
 
 PAIRING = 1_000_000_000
 """Largest difference of both stations' stamps of one sweep [ns]."""
 
-_FAR = 1.0  # a delay at which the sign of a beat frequency is beyond doubt [s]
-_CHUNK = 512  # sweeps estimated at once
 _LINE = ('frequency', 'frequency_std', 'phase', 'power')  # fields of Beat and of Lines
 
 
@@ -45,7 +46,7 @@ class Lines:
     phase: np.ndarray  # (stations, n) [rad]
     power: np.ndarray  # (stations, n) at the receive antenna port [dBm]
     noise_density: np.ndarray  # (stations, n) of the additive noise at the receive antenna port [dBm/Hz]
-    flags: np.ndarray  # (stations, n) bits of drfmcw_node.estimation.Flag
+    flags: np.ndarray  # (stations, n) bits of drfmcw_node.estimators.estimation.Flag
     range: np.ndarray  # (n,) [m]
     range_std: np.ndarray  # (n,) [m]
 
@@ -80,6 +81,22 @@ class Dataset:
     def __len__(self) -> int:
         """Return the number of sweeps."""
         return len(self.sweep_id)
+
+    @functools.cached_property
+    def topology(self) -> Topology:
+        """Which stations take part, and which of them have samples."""
+        return Topology(self.stations, tuple(i for i, x in enumerate(self.samples) if x is not None), self.iq)
+
+    def samples_of(self, station: int) -> np.ndarray:
+        """Return the samples of a station by its number.
+
+        Raises:
+            ValueError: it has none.
+        """
+        samples = self.samples[station]
+        if samples is None:
+            raise ValueError(f"station '{self.stations[station]}' has no samples")
+        return samples
 
     @functools.cached_property
     def time(self) -> np.ndarray:
@@ -281,7 +298,10 @@ def assembled(
     matched = _matched(path, stations, of_station, said)
     present = [[s for s in m if s is not None] for m in matched]
     heard = np.array([p[0].stamp for p in present])
-    late = [0.0 if m[0] else conditions.settings_at(stations, m[1].stamp)[1].start_delay for m in matched]
+    late = [
+        0.0 if m[0] else conditions.settings_at(stations, p[0].stamp)[1].start_delay
+        for m, p in zip(matched, present, strict=True)
+    ]
     stamp = heard - np.rint(np.array(late) * 1e9).astype(np.int64)
     held = [conditions.settings_at(stations, int(instant)) for instant in heard]
     settings = {repr(s): s for s in dict.fromkeys(held)}  # unlike NaN, its name equals itself
@@ -294,7 +314,7 @@ def assembled(
         path=path,
         stations=stations,
         samples=tuple(
-            np.stack([np.asarray(m[i].samples) for m in matched]) if of_station[station] else None
+            np.stack([np.asarray(s.samples) for m in matched if (s := m[i])]) if of_station[station] else None
             for i, station in enumerate(stations)
         ),
         full_scale=np.array(
@@ -362,7 +382,7 @@ def _matched(
     partners: dict[int, list[Sweep]] = {}
     for sweep in second:
         partners.setdefault(sweep.sweep_id, []).append(sweep)
-    matched = []
+    matched: list[tuple[Sweep | None, ...]] = []
     for sweep in first:
         same = partners.get(sweep.sweep_id, [])  # several where numbers begin again
         nearest_one = min(same, key=lambda other: abs(other.stamp - sweep.stamp), default=None)
@@ -418,7 +438,7 @@ def _measure(dataset: Dataset) -> Lines:
         for sweep in settings:
             processor.add_sweep_config(sweep)
             fusion.add_sweep_config(dataclasses.replace(sweep, stamp=int(dataset.stamp[run[0]])))
-        for rows in np.array_split(run, -(-len(run) // _CHUNK)):
+        for rows in np.array_split(run, -(-len(run) // LINES.chunk)):
             beats = processor.process(list(_sweeps_of(dataset, rows)))
             for beat in sorted(beats, key=lambda b: b.stamp):
                 at = dataset.stations.index(beat.station), beat.sweep_id
@@ -441,10 +461,10 @@ def _measure(dataset: Dataset) -> Lines:
 
 def delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, peer: Calibration) -> np.ndarray:
     """Return the path's delay after one station's line, T_off taken as nominal [s]; `frequency` on its clock [Hz]."""
-    near, far = (beat_frequency(sweep, delay, own.alpha, peer.alpha) for delay in (_FAR, 2.0 * _FAR))
+    near, far = (beat_frequency(sweep, delay, own.alpha, peer.alpha) for delay in (LINES.far, 2.0 * LINES.far))
     falls = sweep.role == Role.SECOND and sweep.mode == Mode.SHORT_DISTANCE  # with the delay
     line = (-1.0 if falls else 1.0) * own.sample_clock_alpha * frequency
-    return _FAR + (line - near) * _FAR / (far - near)
+    return LINES.far + (line - near) * LINES.far / (far - near)
 
 
 def _with_measured_noise(dataset: Dataset) -> Dataset:

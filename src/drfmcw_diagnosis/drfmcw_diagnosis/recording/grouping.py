@@ -2,30 +2,23 @@
 
 import numpy as np
 
+from .limits import GROUPS
+
 GROUP = 24
 """Largest number of sweeps of a driving crane that are taken together."""
-
-_PAUSE = 2.0  # a longer one, and one of more than five intervals, between sweeps begins a new group [s]
-_FASTEST = 10.0  # a faster change of the reference is another distance, not a drive [m/s]
-_STILL = 0.05  # by which a standing crane's reference may change beyond its noise [m]
-_PEAK = 8.0  # largest difference within one group of readings, in standard deviations of the reference
-_BENT = 4.0  # standard deviations from which on an acceleration is more than noise
-_SMALLEST = 6  # sweeps of a driving crane's group that is not cut further
-_STEADY = 60.0  # weather and temperatures count as steady for so long [s]
-_MAD_TO_STD = 1.4826  # of normal noise
 
 
 def groups(setting: np.ndarray, time: np.ndarray, distance: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Return the number of each sweep's group, (n,); arguments (n,), `std` of the distances."""
     step = np.diff(time)
-    pause = max(_PAUSE, 5.0 * float(np.median(step))) if len(step) else _PAUSE
+    pause = max(GROUPS.pause, 5.0 * float(np.median(step))) if len(step) else GROUPS.pause
     noise = _noise(distance, std)
-    still = _STILL + _PEAK * noise
-    new = (np.diff(setting) != 0) | (step > pause) | (np.abs(np.diff(distance)) > _FASTEST * step + still)
+    still = GROUPS.still + GROUPS.peak * noise
+    new = (np.diff(setting) != 0) | (step > pause) | (np.abs(np.diff(distance)) > GROUPS.fastest * step + still)
     group = np.empty(len(time), int)
     number = 0
     for run in np.split(np.arange(len(time)), np.flatnonzero(new) + 1):
-        parts = min(int((time[run[-1]] - time[run[0]]) / _STEADY) + 1, max(len(run) // GROUP, 1))
+        parts = min(int((time[run[-1]] - time[run[0]]) / GROUPS.steady) + 1, max(len(run) // GROUP, 1))
         drives = np.ptp(distance[run]) > still
         if drives:
             parts = max(parts, -(-len(run) // GROUP))
@@ -41,11 +34,11 @@ def _steady(rows: np.ndarray, time: np.ndarray, distance: np.ndarray, noise: flo
 
     Otherwise one velocity would not hold for a whole group of a crane that accelerates.
     """
-    if len(rows) < 2 * _SMALLEST:
+    if len(rows) < 2 * GROUPS.smallest:
         return [rows]
     bend = np.polynomial.legendre.Legendre.fit(time[rows], distance[rows], 2).coef[2]
     # the coefficient's variance is that of the mean times 5; its polynomial reaches 1 at the ends
-    if abs(bend) <= _BENT * noise * np.sqrt(5.0 / len(rows)):
+    if abs(bend) <= GROUPS.bent * noise * np.sqrt(5.0 / len(rows)):
         return [rows]
     return [piece for half in np.array_split(rows, 2) for piece in _steady(half, time, distance, noise)]
 
@@ -63,7 +56,7 @@ def noise_by_bends(values: np.ndarray) -> float:
 
     A steady change has no second differences; those of noise have sqrt(6) times its standard deviation.
     """
-    return _MAD_TO_STD * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6.0)
+    return GROUPS.mad_to_std * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6.0)
 
 
 def slopes(

@@ -1,5 +1,5 @@
 """The search for the effects that explain a comparison.
 
 In: a `Comparison`. Out: `Fitted` explanations, the rivals that fit as well, and what an explanation leaves over.
-How each effect is searched for stands in `bank`.
+Effects say in their recipes how to search for them: `bank` and `scanners` give the starting points.
 """

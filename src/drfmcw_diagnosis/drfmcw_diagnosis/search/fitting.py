@@ -1,33 +1,19 @@
 """Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
+from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
-from ..features.extractor import gaussian
+from ..compare.kinds.explained import Explained
 from .bank import Candidate
-
-_FLAT = 1e-30  # curvature of a misfit that a parameter does not change
-_STEPS = 12  # of Levenberg and Marquardt's method
-_LINES_TRUST = 0.05  # of narrow lines, whose power follows amplitudes that scatter from sweep to sweep
-_CERTAIN = 2.0  # standard deviations that an effect's size must have, and what makes it this effect
-_HARMONICS_WIDTH = 33  # bins over which a harmonic may be displaced
-_HARMONICS_TRUST = 0.5  # of harmonics, whose place and shape multiply that of the line
-_COHERENT_TRUST = 0.02  # of harmonics at the line's own phase
-_PILED_TRUST = 0.05  # of samples at a limit, which follow amplitudes that scatter from sweep to sweep
-_CLOCK_DOUBT = 0.05  # of the coherence for each ppm by which ADC clocks run apart: noise is compared sample by sample
-_FLUTTER_TRUST = 2.0  # of what changes with the phase of each sweep, of which two are simulated
-_FLUTTER_WIDTH = 5  # terms over which it may be displaced
-_BURSTS_TRUST = 0.5  # of bursts, of which a group of sweeps holds a few
-_BURSTS_REST = 1.0  # standard deviations of the noise that bursts may leave
+from .limits import FIT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,10 +33,10 @@ class FittedEffect:
     def certain(self) -> bool:
         """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
         recipe = self.candidate.recipe
-        told = all(abs(self.values[name]) > _CERTAIN * self.stds[name] for name in recipe.defining)
+        told = all(abs(self.values[name]) > FIT.certain * self.stds[name] for name in recipe.defining)
         if not recipe.size or recipe.decibel or recipe.per_group:
             return told
-        return told and abs(self.values[recipe.size]) > _CERTAIN * self.size_std
+        return told and abs(self.values[recipe.size]) > FIT.certain * self.size_std
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -73,7 +59,8 @@ class Fitted:
 
     def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
         """Return the same with what `Search.settled` says of the first effects."""
-        pairs = itertools.zip_longest(self.effects, told, fillvalue={})
+        rest: list[dict[str, tuple[float, float]]] = [{}] * (len(self.effects) - len(told))
+        pairs = zip(self.effects, [*told, *rest], strict=True)
         return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
 
     @property
@@ -94,15 +81,6 @@ class Fitted:
 
 def _as_it_is(values: np.ndarray) -> np.ndarray:
     return values
-
-
-def scaled_inverse(matrix: np.ndarray) -> np.ndarray:
-    """Return the inverse of a normal matrix (P, P), whatever the units of its parameters.
-
-    What it tells nothing of stays zero.
-    """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
 
 
 class Freedom:
@@ -137,7 +115,7 @@ class Fitting:
     def fit(
         self,
         start: Sequence[tuple[Candidate, dict[str, float]]],
-        steps: int = _STEPS,
+        steps: int = FIT.steps,
         beside: np.ndarray | float = 0.0,
         freedom: 'Freedom | None' = None,
     ) -> Fitted:
@@ -153,7 +131,7 @@ class Fitting:
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
-        limits = [self.bounds(chosen[i].effect, name) for i, name in names]
+        limits = [self.bounds(chosen[i], name) for i, name in names]
         prior = np.array([chosen[i].prior(name) for i, name in names])
         y = self.comparison.residual
 
@@ -205,7 +183,7 @@ class Fitting:
             mine = [k for k, (i, _) in enumerate(names) if i == number]
             values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
             curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
-            size_std = 1.0 / math.sqrt(max(*curvature, _FLAT)) if curvature else 0.0
+            size_std = 1.0 / math.sqrt(max(*curvature, FIT.flat)) if curvature else 0.0
             fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}, {}, size_std))
         occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
         if freedom is None:
@@ -215,22 +193,26 @@ class Fitting:
 
     def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
         """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
-        if not any(Effect.registry[c.effect].bursts() for c in chosen):
+        if not any(c.kind.bursts for c in chosen):
             return self._weight
-        doubt = np.where(self.comparison.entries.where(kind=('burst', 'noise')), _BURSTS_TRUST * np.abs(template), 0.0)
+        doubt = np.zeros(len(template))
+        for kind in self.comparison.kinds:
+            if kind.trust.beside_bursts is not None:
+                rows = self.comparison.rows(kind)
+                doubt[rows] = kind.trust.beside_bursts * np.abs(template[rows])
         return self._weight / np.sqrt(1.0 + doubt**2)
 
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""
         step = candidate.recipe.step(name, value)
-        return -step if value + step > self.bounds(candidate.effect, name)[1] else step
+        return -step if value + step > self.bounds(candidate, name)[1] else step
 
-    def bounds(self, effect: str, name: str) -> tuple[float, float]:
-        """Return the bounds of a parameter: as declared, and where it says no more than another effect would."""
+    def bounds(self, candidate: Candidate, name: str) -> tuple[float, float]:
+        """Return the bounds of a parameter: as declared, and a time no longer than the recording if the recipe says."""
         base = name.partition('[')[0]
-        _, declared = declared_parameters(Effect.registry[effect])[base]
+        _, declared = declared_parameters(candidate.kind)[base]
         low, high = declared.bounds or (-math.inf, math.inf)
-        if base == 'time_constant':  # what takes much longer than the recording is an offset or a steady drift
+        if base in candidate.recipe.within_recording:
             high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
         return low, high
 
@@ -244,45 +226,40 @@ class Fitting:
 
     def doubt(self, fitted: 'Fitted | None') -> np.ndarray:
         """Return how far each whitened number may be off because the forward models are not exact."""
-        entries = self.comparison.entries
+        c = self.comparison
+        doubt = np.zeros(len(c.entries.kind))
         if fitted is None:
-            return np.zeros(len(entries.kind))
-        lines, size = entries.where(kind='lines'), np.abs(fitted.template)
-        trust = np.where(lines, _LINES_TRUST, self.comparison.known.trust)
-        registered = [Effect.registry[e.candidate.effect] for e in fitted.effects]
-        clocks = [e.values['deviation'] for e in fitted.effects if e.candidate.effect == 'sample_clock_offset']
-        size[entries.where(kind='coherence')] += _CLOCK_DOUBT / self.comparison.known.trust * sum(map(abs, clocks))
-        flutter = entries.where(kind='flutter')
-        size[flutter], trust[flutter] = self._changing(fitted), _FLUTTER_TRUST
-        if any(e.distorts() for e in registered):
-            # where a harmonic stands follows the line's frequency, multiplied: its neighbourhood is as uncertain
-            bins = self.comparison.measured.lines.shape[-1]
-            size[lines] = maximum_filter1d(size[lines].reshape(-1, bins), _HARMONICS_WIDTH, axis=1).ravel()
-            trust[lines | entries.where(kind='noise')] = _HARMONICS_TRUST
-            trust[entries.where(kind='harmonic')] = _COHERENT_TRUST
-            trust[entries.where(kind='piled')] = _PILED_TRUST
-            # the stronger sweeps are distorted more, so harmonics come and go as bursts do
-            size[entries.where(kind='burst', station=self._distorted(fitted))] = np.inf
-        if any(e.bursts() for e in registered):
-            trust[entries.where(kind=('burst', 'noise'))] = _BURSTS_TRUST
-            # a burst cut off by the sweep's ends, or shorter than a span, is not told from noise
-            return np.maximum(trust * size, np.where(entries.where(kind='noise'), _BURSTS_REST, 0.0))
-        return trust * size
+            return doubt
+        explained = self._explained(fitted)
+        for kind in c.kinds:
+            rows = c.rows(kind)
+            doubt[rows] = kind.doubt(explained, fitted.template[rows])
+        return doubt
 
-    def _distorted(self, fitted: Fitted) -> list[int]:
+    def _explained(self, fitted: 'Fitted') -> Explained:
+        """Return what the doubt about forward models asks of an explanation."""
+        c = self.comparison
+        acting = [e.candidate.kind for e in fitted.effects]
+        incoherent = [
+            doubt * abs(effect.values[name])
+            for effect in fitted.effects
+            for name, doubt in effect.candidate.recipe.incoherence.items()
+        ]
+        return Explained(
+            recorded=c.recorded,
+            trust=c.known.trust,
+            distorting=any(e.distorts for e in acting),
+            bursting=any(e.bursts for e in acting),
+            distorted=self._distorted(fitted),
+            incoherence=sum(incoherent),
+            changing=lambda: c.changing([e.build() for e in fitted.effects]),
+        )
+
+    def _distorted(self, fitted: 'Fitted') -> tuple[int, ...]:
         """Return the numbers of the receivers that an explanation distorts."""
         receivers = self.comparison.receivers
-        distorting = [e.key for e in fitted.effects if Effect.registry[e.candidate.effect].distorts()]
-        return [i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting)]
-
-    def _changing(self, fitted: Fitted) -> np.ndarray:
-        """Return how far flutter may be off, as an explanation makes the ramp change with the phase of each sweep."""
-        c = self.comparison
-        if any(e.distorts() or e.bursts() for e in (Effect.registry[f.candidate.effect] for f in fitted.effects)):
-            return np.full(c.measured.flutter.size, np.inf)
-        count = np.maximum((np.array([len(m) for m in c.members])[:, None, None] - 1) / 2, 0.5)
-        ratio = 1.0 + maximum_filter1d(c.changing([e.build() for e in fitted.effects]), _FLUTTER_WIDTH, axis=-1)
-        return (gaussian(ratio, count) - gaussian(np.ones(1), count)).ravel()
+        distorting = [e.key for e in fitted.effects if e.candidate.kind.distorts]
+        return tuple(i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting))
 
     def slopes(self, fitted: Fitted) -> np.ndarray:
         """Return by how much each parameter of an explanation changes its template (parameters, n)."""

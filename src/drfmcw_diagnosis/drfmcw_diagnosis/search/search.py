@@ -1,4 +1,4 @@
-"""The search for one more effect that explains a recording, or one in the place of another: bank, templates, fits."""
+"""The search for one more effect that explains a recording, or for one instead of another: bank, templates, fits."""
 
 import collections
 import dataclasses
@@ -9,39 +9,38 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
+from drfmcw_ros.processes import Workers
 
 from ..compare.comparison import Comparison
-from .bank import RECIPES, Candidate, at_stations, candidates
+from .bank import Candidate, at_stations, candidates, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
-from .places import CELLS, cell, places
-from .workers import Workers
+from .scanners import resolution, starting_points
 
 RIVAL = 16.0
 """Squared distance below which two explanations are one answer (4 sigma)."""
 
-_TRIED = 12  # kinds of effects that are tried in each round, by what their templates promise
-_REFINED = 5  # of them that are refined, by what they bring where the refinement begins
-_STARTS = 6  # places of each kind at which a refinement begins
-_LEAST = 14.0  # promised gain of a place that is tried: too little to be accepted, refinement included
-_FIRST_STEPS = 2  # of refinement by which one of them is chosen
-_STEPS_TO_SIZE = 4  # where a template cannot simply be scaled
-_OFF = 0.01  # by which a model may be off throughout, relative to what it adds
-_FAINT = 0.1  # length of a template below which it may be rounding only
+_TRIED = 12  # kinds of effects that are tried in each round, those with the largest promised gain
+_REFINED = 5  # of them that are refined, those with the largest gain where refinement begins
+_STARTS = 6  # starting points of each kind
+_LEAST = 14.0  # promised gain below which a starting point is not tried: refined, it would not be accepted either
+_FIRST_STEPS = 2  # of refinement, after which one starting point of a kind is chosen
+_STEPS_TO_SIZE = 4  # the same where a template cannot simply be scaled
+_OFF = 0.01  # relative systematic error of a forward model
+_FAINT = 0.1  # length of a template below which it may be mere rounding
 _ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
-_NOTHING = 1e-6  # length of a template, of an effect that this recording cannot show
-_REFLECTION = 0.1  # of a turn by which a reflection's carrier phase is trusted
+_NOTHING = 1e-6  # length of a template below which this recording cannot show the effect
+_REFLECTION = 0.1  # turns to which the carrier phase of a reflection is trusted
 _FEW = 6  # kinds of rivals that are refined
-_PLACES = 2  # of each
-_FRINGES = 6  # places of a reflection, which resemble each other
-_PROMISED = 0.3  # of what an effect explains, that an exchange for it must promise
-_FAR = 4.0  # times the distance of a rival, within which an exchange is refined to the end
-_BEHIND = 0.2  # of what an effect explains, by which an exchange for it may then be behind
-_OF_A_KIND = 2  # effects at one station, where there may be several
+_PLACES = 2  # starting points of each
+_FRINGES = 6  # the same of a reflection: the fringes of different heights resemble each other
+_PROMISED = 0.3  # share of an effect's gain that a substitute must promise
+_FAR = 4.0  # multiple of RIVAL within which a substitute is refined to the end
+_BEHIND = 0.2  # share of an effect's gain by which a substitute may then be behind
+_OF_A_KIND = 2  # effects of one kind at one station, at most
 _SAME = 4.0  # squared distance below which two fits of the same effects are the same (2 sigma)
 _KEPT = 512  # templates
-_PARALLEL = 0.02  # of a template's power that counts, however much of it an explanation may follow
-_BEYOND_LEVEL = 16.0  # gain that a second path must bring elsewhere than in the received power, which may wander
+_PARALLEL = 0.02  # share of a template's power that counts, however much of it an explanation can follow
+_BEYOND_LEVEL = 16.0  # gain that a second path must bring apart from the received power, which may drift
 
 
 class Search(Fitting):
@@ -84,10 +83,10 @@ class Search(Fitting):
         return template.astype(np.float32) if self._shows(candidate, template) else None
 
     def _shows(self, candidate: Candidate, template: np.ndarray) -> bool:
-        """Return whether the recording can show an effect: what does not grow with the size is rounding."""
+        """Return whether the recording can show an effect; a template that does not grow with its size is rounding."""
         length, recipe = float(np.linalg.norm(template)), candidate.recipe
-        if candidate.effect == 'slant_geometry' and not self.comparison.known.range().any():
-            return False  # the measured distance that stands in for the reference is the slant one
+        if recipe.needs_reference and not self.comparison.known.range().any():
+            return False
         if length > _FAINT:
             return True
         if length <= _NOTHING or not recipe.size:
@@ -102,33 +101,31 @@ class Search(Fitting):
 
     @property
     def places(self) -> int:
-        """How many independent places are searched: what chance is counted over."""
+        """Number of independent starting points: what chance is counted over."""
         stations = self.comparison.data.stations
-        scanned = [
-            CELLS[effect] * len(at_stations(effect, recipe, stations))
-            for effect, recipes in RECIPES.items()
-            for recipe in recipes
-            if recipe.scanned and effect not in self._left_out
-        ]
+        scanned = (
+            recipe.cells * len(at_stations(effect, recipe, stations))
+            for effect, recipe in recipes(self._left_out)
+            if recipe.scan
+        )
         return sum(self._places.values()) + sum(scanned)
 
     def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
-        """Return the places at which the remainder itself says that effects of sharp shape should begin."""
+        """Return the starting points that scanners find in the remainder."""
         found = []
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
-        for effect, recipes in RECIPES.items():
-            for recipe in recipes:
-                if not recipe.scanned or effect in self._left_out or only not in ('', effect):
-                    continue
-                for station in at_stations(effect, recipe, stations):
-                    number = receivers.index(station) if station in receivers else -1
-                    for place in places(self.comparison, residual, effect, number, recipe.scanned):
-                        found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | place))
+        for effect, recipe in recipes(self._left_out):
+            if not recipe.scan or only not in ('', effect):
+                continue
+            for station in at_stations(effect, recipe, stations):
+                number = receivers.index(station) if station in receivers else -1
+                for point in starting_points(self.comparison, residual, recipe, number):
+                    found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point))
         return found
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
-        """Return the template of a place; kept."""
+        """Return the template of a candidate; templates are kept."""
         values = values or candidate.values
         key = (candidate.effect, candidate.station, tuple(sorted(values.items())))
         if key not in self._kept:
@@ -138,11 +135,11 @@ class Search(Fitting):
         return self._kept[key]
 
     def settled(self, fitted: Fitted) -> Fitted:
-        """Return an explanation whose lengths are told by the echo's delay and not by its carrier phase alone.
+        """Return an explanation whose lengths follow from the delay of the echo and not from its carrier phase alone.
 
-        The carrier's phase tells a length to a fraction of a millimetre, but not which of many wavelengths it is, and a
-        reflector may shift it. The misfit at whole turns around the best is a parabola by the delay itself: its vertex
-        is the length, its curvature the deviation.
+        The carrier phase gives a length to a fraction of a millimetre, but up to whole wavelengths, and the reflector
+        may shift it. By the delay alone, the misfit at whole turns around the best one is a parabola: its vertex gives
+        the length, its curvature the standard deviation.
         """
         told = [dict(effect.told) for effect in fitted.effects]
         for number, effect in enumerate(fitted.effects):
@@ -166,7 +163,7 @@ class Search(Fitting):
         return fitted.with_told(told)
 
     def _nearest_turn(self, fitted: Fitted, number: int, name: str, period: float) -> Fitted:
-        """Return the explanation with the whole number of turns that fits best."""
+        """Return the explanation shifted by the whole number of turns that fits best."""
         while True:
             others = []
             for turns in (-3, -2, -1, 1, 2, 3):
@@ -181,12 +178,14 @@ class Search(Fitting):
     def _promising(
         self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None, only: str = ''
     ) -> list[tuple[float, Candidate, dict]]:
-        """Return (promised gain, candidate, values) of the bank's places, best first.
+        """Return (promised gain, candidate, values) of all starting points, best first.
+
+        The gain counts only what the present explanation cannot follow by a change of its own parameters.
 
         Args:
-            residual: that they should explain.
-            beside: effects of the explanation that is there already.
-            freedom: of that explanation, which may follow.
+            residual: what is left to explain.
+            beside: effects of the present explanation.
+            freedom: of the present explanation.
             only: effect that is tried, '' for all.
         """
         scanned = [c for c in self._scanned(residual, only) if self._is_other(c, c.values, beside)]
@@ -206,15 +205,15 @@ class Search(Fitting):
         return sorted(found, key=lambda item: -item[0])
 
     def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
-        """Return whether a place is that of another effect than those beside it, or of a second one of a kind."""
+        """Return whether a candidate differs from the effects beside it: another kind, or a resolution cell apart."""
         same = [e for e in beside if e.key == candidate.key]
         if len(same) >= _OF_A_KIND:
             return False
-        name, width = candidate.recipe.scanned, cell(self.comparison, candidate.effect)
+        name, width = candidate.recipe.scanned, resolution(self.comparison, candidate.recipe)
         return all(candidate.recipe.repeats and abs(e.values[name] - values[name]) > width for e in same)
 
     def _power(self, templates: np.ndarray, freedom: Freedom | None) -> np.ndarray:
-        """Return the squared lengths of templates (..., n) beyond what an explanation may follow of them."""
+        """Return the squared lengths of templates (..., n) without what an explanation can follow of them."""
         whitened = templates * self._weight.astype(np.float32)
         power = np.einsum('...j,...j->...', whitened, whitened)
         if freedom is None:
@@ -224,7 +223,7 @@ class Search(Fitting):
     def _scaled(
         self, candidate: Candidate, overlap: float, power: float, residual: np.ndarray, freedom: Freedom | None
     ) -> tuple[float, Candidate, dict]:
-        """Return what scaling one template promises, and the values with which to begin."""
+        """Return (promised gain, candidate, values) with the template scaled to the residual."""
         recipe, values = candidate.recipe, dict(candidate.values)
         scale, gain = overlap / power, overlap**2 / power
         if not recipe.size:  # the size is found by refinement
@@ -246,15 +245,15 @@ class Search(Fitting):
             values[recipe.size] += 20.0 * math.log10(scale)
         else:
             values[recipe.size] *= scale
-        low, high = self.bounds(candidate.effect, recipe.size)
+        low, high = self.bounds(candidate, recipe.size)
         values[recipe.size] = min(max(values[recipe.size], low), high)
         return gain, candidate, values
 
     def _scaled_by_group(self, candidate: Candidate, residual: np.ndarray) -> tuple[float, Candidate, dict]:
-        """Return what scaling a template in each group on its own promises, and the values with which to begin."""
+        """Return (promised gain, candidate, values) with the template scaled to the residual of each group."""
         template = self._template([candidate.build()])
         gain, values = 0.0, {}
-        low, high = self.bounds(candidate.effect, candidate.recipe.size)
+        low, high = self.bounds(candidate, candidate.recipe.size)
         for number, (name, value) in enumerate(candidate.values.items()):
             inside = self.comparison.entries.group == number
             power = float(template[inside] @ template[inside])
@@ -265,22 +264,22 @@ class Search(Fitting):
         return gain, candidate, values
 
     def freedom(self, fitted: Fitted | None) -> Freedom | None:
-        """Return what an explanation can follow, None without effects."""
+        """Return the freedom of an explanation, None without effects."""
         if fitted is None or not fitted.effects:
             return None
         return Freedom(self.slopes(fitted) * self._weight)
 
     def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]]) -> list[Fitted]:
-        """Return explanations fitted from where each begins."""
+        """Return explanations, each fitted from its start."""
         return self._workers.map(self.fit, starts)
 
     def again(self, fitted: Fitted) -> Fitted:
-        """Return an explanation fitted again from where it is."""
+        """Return an explanation fitted again from its present values."""
         told = [e.told for e in fitted.effects]
         return self.fit([(e.candidate, e.values) for e in fitted.effects], 4).with_told(told)
 
     def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
-        """Return the gain that an effect may owe to what the models of the others are off by, all in its favour."""
+        """Return the gain that an effect may owe to errors of the other effects' forward models, in the worst case."""
         if others is None:
             return 0.0
         template = np.abs(self._template([effect.build()])) * self._weight
@@ -288,7 +287,7 @@ class Search(Fitting):
         return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
-        """Return whether an explanation's last effect is certain, another one, and more than a wander of the power.
+        """Return whether an explanation's last effect is certain, differs from the others, and is no mere power drift.
 
         Args:
             fitted: the explanation.
@@ -306,9 +305,9 @@ class Search(Fitting):
         return bool(before - after > _BEYOND_LEVEL)
 
     def relocated(self, fitted: Fitted) -> Fitted:
-        """Return an explanation with the rays from the ground where they fit best beside the effects that came later.
+        """Return an explanation with the ray from the ground refitted beside the effects that were added later.
 
-        The fringes of different heights resemble each other: what is not yet explained may hide the right one.
+        The fringes of different heights resemble each other: effects that are not yet explained may hide the right one.
         """
         number = next((i for i, e in enumerate(fitted.effects) if _is_reflection(e.candidate)), None)
         if number is None:
@@ -343,13 +342,13 @@ class Search(Fitting):
         kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[:_TRIED]
         base = [(e.candidate, e.values) for e in current.effects] if current else []
 
-        def begun_at(places_of: list) -> Fitted:
-            # a distortion takes long; one linear place is as good as its promise
-            linear = len(places_of) == 1 and places_of[0][1].recipe.size
-            effect = Effect.registry[places_of[0][1].effect]
-            steps = _FIRST_STEPS if places_of[0][1].recipe.size else _STEPS_TO_SIZE
-            steps = 0 if linear or effect.distorts() or effect.bursts() else steps
-            at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in places_of]
+        def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
+            # a distortion takes long to simulate; one linear starting point gains what it promises
+            linear = len(points) == 1 and points[0][1].recipe.size
+            effect = points[0][1].kind
+            steps = _FIRST_STEPS if points[0][1].recipe.size else _STEPS_TO_SIZE
+            steps = 0 if linear or effect.distorts or effect.bursts else steps
+            at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in points]
             return min(at, key=lambda f: f.misfit)
 
         def refined(start: Fitted) -> Fitted:
@@ -363,21 +362,20 @@ class Search(Fitting):
         return sorted(results, key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
-        """Return the chance that noise alone gains as much somewhere (Bonferroni).
+        """Return the probability that noise alone gains as much for any effect at any starting point (Bonferroni).
 
-        Every kind of effect has the same share of the false alarms, whatever the number of places it may take.
+        Every kind of effect has the same share of the false alarms, however many starting points it has.
         """
-        count = (len(self._places) + len(CELLS)) * self._places.get(key, CELLS.get(key[0], 1))
+        cells = {effect: recipe.cells for effect, recipe in recipes() if recipe.scan}
+        count = (len(self._places) + len(cells)) * self._places.get(key, cells.get(key[0], 1))
         return float(min(1.0, count * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
 
     # --- exchanges ---
 
     def exchanges(self, fitted: Fitted) -> list[Fitted]:
-        """Return explanations with one effect exchanged for another, or for itself elsewhere, best first.
+        """Return explanations with one effect exchanged for another, or for itself with other parameters, best first.
 
-        Elsewhere is another place, or other parameters of the same effect.
-
-        Only those that come near the explanation, or fit better, are refined to the end.
+        Only those that fit nearly as well as the explanation, or better, are refined to the end.
         """
         found: dict[tuple, Fitted] = {}
         elsewhere: list[Fitted] = []
@@ -386,8 +384,8 @@ class Search(Fitting):
             base = [(e.candidate, e.values) for e in rest.effects]
             goal = self.misfit(rest.template) - fitted.misfit
 
-            def refined(place: tuple, base: list = base, goal: float = goal) -> Fitted | None:
-                begun = self.fit([*base, place], _FIRST_STEPS)
+            def refined(point: tuple, base: list = base, goal: float = goal) -> Fitted | None:
+                begun = self.fit([*base, point], _FIRST_STEPS)
                 if begun.misfit - fitted.misfit > max(_FAR * RIVAL, _BEHIND * goal):
                     return None
                 return self.fit([(e.candidate, e.values) for e in begun.effects])
@@ -409,7 +407,7 @@ class Search(Fitting):
         return float(np.sum(((one.template - other.template) * self._weight) ** 2))
 
     def _substitutes(self, rest: Fitted, least: float) -> list[tuple[Candidate, dict]]:
-        """Return the places of few kinds of effects that promise at least so much beside the rest."""
+        """Return starting points of a few kinds of effects that promise a gain of at least `least` beside the rest."""
         residual = self.comparison.residual - rest.template
         found: list[tuple[Candidate, dict]] = []
         tried: dict[tuple, list[np.ndarray]] = {}
@@ -428,5 +426,5 @@ class Search(Fitting):
 
 
 def _is_reflection(candidate: Candidate) -> bool:
-    """Return whether a place is that of a path whose fringes follow the distance, other than an echo's."""
+    """Return whether a candidate is a path whose fringes follow the distance, other than that of an echo."""
     return candidate.recipe.fringes and not candidate.recipe.turn[0]

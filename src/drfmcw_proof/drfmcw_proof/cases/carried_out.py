@@ -8,6 +8,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,9 @@ from .sizes import separation
 
 Effects = Sequence[Applied]
 Carried = Callable[[Effects, Effects], float]
-"""Two sets of effects to the standard deviations between what the measurement shows of them."""
+"""Returns, for two sets of effects, how far the measurement separates them, in standard deviations."""
 
+_WEATHER = ('air_temperature', 'air_pressure', 'air_humidity')
 _OF_CRANE = ('slant_geometry', 'sway', 'target_motion')
 
 
@@ -40,14 +42,14 @@ def _scene(condition: Condition, effects: Effects) -> Scene:
     return conceal(nominal(condition), effects)
 
 
-def _counter(condition: Condition, match: re.Match) -> Carried:
+def _counter(condition: Condition, match: re.Match[str]) -> Carried:
     """Read every clock in the middle of the recording; where two readings are asked for, their difference too."""
     clock = 'alpha' if match['clock'] == 'reference oscillator' else 'clock'
     accuracy = 1e-6 * float(match['ppm'])
     middle = len(condition.distances) // 2
     twice = condition
     if match['warmer'] or match['minutes']:
-        weather = {n: (getattr(condition, n)[middle],) * 2 for n in ('air_temperature', 'air_pressure', 'air_humidity')}
+        weather: dict[str, Any] = {n: (getattr(condition, n)[middle],) * 2 for n in _WEATHER}
         warmer = float(match['warmer'] or 0.0)
         boards = tuple((b[middle], b[middle] + warmer) for b in condition.board_temperature)
         pause = 60.0 * float(match['minutes'] or 1.0)
@@ -68,7 +70,7 @@ def _counter(condition: Condition, match: re.Match) -> Carried:
     return apart
 
 
-def _second_instrument(condition: Condition, match: re.Match) -> Carried:
+def _second_instrument(condition: Condition, match: re.Match[str]) -> Carried:
     """Measure the shortest and the longest distance, the reference read as often as in the recording."""
     quiet = dataclasses.replace(condition, reference_std=0.0)
     ends = [int(np.argmin(condition.distances)), int(np.argmax(condition.distances))]
@@ -87,17 +89,18 @@ def _second_instrument(condition: Condition, match: re.Match) -> Carried:
     return apart
 
 
-def _baseline(condition: Condition, match: re.Match) -> Carried:
-    """Measure a length that a tape tells, without crane and reference instrument."""
+def _baseline(condition: Condition, match: re.Match[str]) -> Carried:
+    """Measure a length known by tape, without crane and reference instrument."""
 
     def first(values: tuple[float, ...]) -> tuple[float, ...]:
         return (values[0],)
 
+    weather: dict[str, Any] = {n: first(getattr(condition, n)) for n in _WEATHER}
     alone = dataclasses.replace(
         condition,
         distances=(float(match['length']),),
         board_temperature=(first(condition.board_temperature[0]), first(condition.board_temperature[1])),
-        **{n: first(getattr(condition, n)) for n in ('air_temperature', 'air_pressure', 'air_humidity')},
+        **weather,
         # the same tape holds for all sweeps
         reference_std=1e-3 * float(match['mm']) * math.sqrt(condition.sweeps),
     )
@@ -108,7 +111,7 @@ def _baseline(condition: Condition, match: re.Match) -> Carried:
     return lambda one, other: separation(alone, there(one), there(other))
 
 
-def _repeated(condition: Condition, match: re.Match) -> Carried:
+def _repeated(condition: Condition, match: re.Match[str]) -> Carried:
     """Make the same sweeps again, with something changed."""
     how = match['how']
     kelvin = float(found[1]) if (found := re.search(r'(\d+) K', how)) else 0.0
@@ -117,7 +120,7 @@ def _repeated(condition: Condition, match: re.Match) -> Carried:
         tuple(b + kelvin * (station in (None, name)) for b in boards)
         for name, boards in zip(condition.names, condition.board_temperature, strict=True)
     )
-    changes: dict = {'board_temperature': warm}
+    changes: dict[str, Any] = {'board_temperature': warm}
     if 'air and boards' in how:
         changes['air_temperature'] = tuple(t + kelvin for t in condition.air_temperature)
     if attenuators := re.search(r'attenuators of (\d+) dB', how):
@@ -143,8 +146,8 @@ def _later(effect: Applied, passed: float) -> Applied:
     return Applied('reference_clock_offset', effect.station, {'deviation': p['rate'] * passed / 3600.0})
 
 
-def _exchanged(condition: Condition, match: re.Match) -> Carried:
-    """Make the same sweeps with another, calibrated station in the place of one."""
+def _exchanged(condition: Condition, match: re.Match[str]) -> Carried:
+    """Make the same sweeps with another, calibrated station in place of one."""
     gone = match['station']
     (stays,) = (n for n in condition.names if n != gone)
 
@@ -158,12 +161,12 @@ def _exchanged(condition: Condition, match: re.Match) -> Carried:
     return lambda one, other: separation(condition, there(one), there(other))
 
 
-def _more(condition: Condition, match: re.Match) -> Carried:
+def _more(condition: Condition, match: re.Match[str]) -> Carried:
     more = math.sqrt(float(match['times']) - 1.0)
     return lambda one, other: more * separation(condition, one, other)
 
 
-_KNOWN: tuple[tuple[str, Callable[[Condition, re.Match], Carried]], ...] = (
+_KNOWN: tuple[tuple[str, Callable[[Condition, re.Match[str]], Carried]], ...] = (
     (r'Read the (?P<clock>.+?) of each station with a frequency counter, to (?P<ppm>[\d.e-]+) ppm'
      r'(?:, at two board temperatures (?P<warmer>[\d.]+) K apart)?'
      r'(?:, at the start and at the end of (?P<minutes>[\d.]+) minutes)?', _counter),

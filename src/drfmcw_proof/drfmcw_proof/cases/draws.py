@@ -1,4 +1,4 @@
-"""Random conditions of recordings, and random shapes of effects with what the data cannot tell from them."""
+"""Random conditions of recordings, and random shapes of effects with their indistinguishable rivals."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -172,7 +172,7 @@ def _alike(condition: Condition, effect: Applied) -> tuple[str, str | None] | No
 
 
 def rivals(condition: Condition, effects: Sequence[Applied]) -> tuple[Rival, ...]:
-    """Return the explanations with one effect replaced that the data cannot tell, or hardly, from the truth."""
+    """Return the explanations with one effect replaced that the data can hardly separate from the truth, if at all."""
     keys = [(e.effect, e.station) for e in effects]
     found = []
     for number, effect in enumerate(effects):

@@ -14,7 +14,7 @@ Parameters = Mapping[str, Any]
 
 @dataclasses.dataclass(frozen=True)
 class Applied:
-    """One effect with its parameters, as a sealed truth tells it."""
+    """One effect with its parameters, as a sealed truth states it."""
 
     effect: str
     station: str | None

@@ -126,7 +126,7 @@ def _adc_dither(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
 
 @_outside('dropped_samples', 'station', {'count': '1', 'time': 's'}, Size('count', lambda s: float(round(s)), 1, 1, 64))
 def _dropped_samples(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
-    """The interface to the converter loses samples at a place; what follows moves up and the last one is repeated."""
+    """The interface to the converter loses samples at one point; the rest moves up and the last one is repeated."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
         place, count = int(p['time'] * scene.condition.sample_rate), int(p['count'])

@@ -1,7 +1,7 @@
 """What the challenge conceals: nulls, single effects by size, pairs, what no registry knows, decoys, degenerate sets.
 
-Strong effects are as practice recordings hold them; effects left out are in the registry, but the tool is told to
-search without them; each ambiguous case of the full list is followed by the measurement that decides it.
+Strong effects are as practice recordings hold them; effects left out are in the registry, but the tool
+searches without them. Each ambiguous case of the full list is followed by the measurement that decides it.
 
 `plans` lists cases without computing anything but their random conditions; `conceal_case` scales a case's effects,
 seals its truth and writes its recording. Everything follows from the seed.
@@ -9,6 +9,7 @@ seals its truth and writes its recording. Everything follows from the seed.
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -63,16 +64,16 @@ class Wanted:
 class Plan:
     """One case before its effects are scaled."""
 
-    name: str  # tells nothing
+    name: str  # reveals nothing
     group: str
     kind: str  # within the group, for tables
     condition: Condition
     wanted: tuple[Wanted, ...] = ()
     verdicts: tuple[str, ...] = ('consistent',)  # that are right
-    rivals: tuple[Rival, ...] = ()  # explanations that the data cannot tell from the truth
+    rivals: tuple[Rival, ...] = ()  # explanations that are indistinguishable from the truth
     tolerated: tuple[str, ...] = ()  # effects whose finding is no false alarm: the recording does hold such a mismatch
     tolerated_levels: tuple[str, ...] = ()  # at which 'unexplained' is none either
-    without: tuple[str, ...] = ()  # effects without which the tool is told to search
+    without: tuple[str, ...] = ()  # effects that the tool leaves out of its search
     follows: 'Plan | None' = None  # the ambiguous case that this measurement decides, by the same effects
     gone: bool = False  # where the effects are no longer there in the measurement that follows
 
@@ -86,7 +87,7 @@ class Case:
     sizes: tuple[MatchedSize, ...]  # of each effect alone, the earlier ones in place
 
     def truth(self) -> dict[str, Any]:
-        """Return what is sealed. The salt keeps the hash of a guessed truth from telling that it is right."""
+        """Return what is sealed. The salt keeps anyone from confirming a guessed truth by its hash."""
         plan = self.plan
         return {
             'name': plan.name,
@@ -381,31 +382,21 @@ def _full(counts: Counts) -> Iterator[Builder]:
 
 def _once(counts: Counts) -> Iterator[Builder]:
     usual = Extent()
-    for kind in NULLS:
-        for _ in range(counts.nulls if kind == 'right' else counts.wrong_nulls):
-            yield partial(_null, kind=kind, extent=usual)
+    nulls = {kind: counts.nulls if kind == 'right' else counts.wrong_nulls for kind in NULLS}
+    yield from (partial(_null, kind=kind, extent=usual) for kind, count in nulls.items() for _ in range(count))
     for effect in REGISTERED:
-        for d in counts.sizes:
-            yield partial(_single, effect=effect, d=d, extent=usual)
-        for d in counts.strong_sizes:
-            yield partial(_single, effect=effect, d=d, extent=usual, group='strong')
-        for d in counts.left_out_sizes:
-            yield partial(_left_out, effect=effect, d=d, extent=usual)
-    for _ in range(counts.drives):
-        yield partial(_drive, extent=usual)
-    for _ in range(counts.pairs):
-        yield partial(_pair, effects=None, d=None, extent=usual)
-    for _ in range(counts.strong_pairs):
-        yield partial(_strong_pair, extent=usual)
+        yield from (partial(_single, effect=effect, d=d, extent=usual) for d in counts.sizes)
+        yield from (partial(_single, effect=effect, d=d, extent=usual, group='strong') for d in counts.strong_sizes)
+        yield from (partial(_left_out, effect=effect, d=d, extent=usual) for d in counts.left_out_sizes)
+    yield from itertools.repeat(partial(_drive, extent=usual), counts.drives)
+    yield from itertools.repeat(partial(_pair, effects=None, d=None, extent=usual), counts.pairs)
+    yield from itertools.repeat(partial(_strong_pair, extent=usual), counts.strong_pairs)
     for effect in OUTSIDE:
-        for d in counts.outside_sizes:
-            yield partial(_single, effect=effect, d=d, extent=usual, group='outside')
+        yield from (partial(_single, effect=effect, d=d, extent=usual, group='outside') for d in counts.outside_sizes)
     for kind in DECOYS:
-        for _ in range(counts.decoys):
-            yield partial(_decoy, kind=kind, d=14.0, extent=usual)
+        yield from itertools.repeat(partial(_decoy, kind=kind, d=14.0, extent=usual), counts.decoys)
     for kind in AMBIGUOUS:
-        for _ in range(counts.ambiguous):
-            yield partial(_ambiguous, kind=kind, d=14.0, extent=usual)
+        yield from itertools.repeat(partial(_ambiguous, kind=kind, d=14.0, extent=usual), counts.ambiguous)
 
 
 def _two(random: np.random.Generator) -> tuple[str, str]:
@@ -442,7 +433,7 @@ def _strong_pair(name: str, random: np.random.Generator, extent: Extent) -> Plan
 def _of_pair(name: str, group: str, condition: Condition, wanted: tuple[Wanted, ...]) -> Plan:
     parts = [w.template for w in wanted]
     alike = rivals(condition, parts)
-    # a ray from the ground follows the true distance, so that it may tell an error of the reference
+    # a ray from the ground follows the true distance, so that it may reveal an error of the reference
     exact = any(part.effect in TWINS for part in parts) and all(part.effect != 'ground_reflection' for part in parts)
     verdicts: tuple[str, ...] = ('explained',)
     if alike:

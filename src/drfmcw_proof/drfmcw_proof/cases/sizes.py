@@ -7,18 +7,18 @@ stations' phases is quieter than their difference. What the fit takes as distanc
 its noise, what it takes as amplitude against the scatter of the sweeps' amplitudes. Changes of the noise itself are
 counted by the spread of its spectral powers.
 
-What nobody knows beforehand is not counted as if it were known. For a change that is known d^2 is twice the mean
-logarithm of the best detector's likelihood ratio (twice Kullback and Leibler's divergence); so it is taken here:
+Unknown parameters are not counted as if they were known. For a known change d^2 is twice the mean logarithm of the
+best detector's likelihood ratio (twice the Kullback-Leibler divergence). The same definition holds for:
 
 - A phase that an effect draws in every sweep (spur, fan, dither) makes it a part of the sweep's noise. Its covariance
   is taken over a circle of phases; whitened, its eigenvalues l add to those of the noise, and d^2 of a sweep is the sum
   of l - ln(1 + l). A line of energy rho^2, wherever between the bins, has two of rho^2 / 2: over N sweeps d is
   sqrt(N) rho^2 / 2 where it is weak, as that of the sum of its powers, and sqrt(N) rho where it is strong; in between
   at most 4 % less than for a detector that knows rho.
-- Of bursts the place is unknown. The record is looked at in windows of the burst's length: the power in one is a number
-  of unit deviation, which a burst moves by s, and each window holds one with the same small chance. d^2 is twice the
-  divergence of that mixture from its noise: the places that could hold a burst are paid for. Bursts of one station in
-  two explanations count by the difference of their d, which is the least that they can be apart.
+- The time of a burst is unknown. The record is divided into windows of the burst's length. The power in a window is a
+  number of unit standard deviation, which a burst shifts by s; each window holds a burst with the same small
+  probability. d^2 is twice the divergence of that mixture from its noise, which accounts for the number of windows.
+  Bursts of one station in two explanations count by the difference of their d, the least that separates them.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ from ..generator.model import FIRST, SECOND, SPEED_OF_LIGHT, Condition, Scene, S
 from ..generator.phase_noise import phase_noise_density
 from .concealing import KINDS, Applied, conceal
 
-_AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # places of the nuisances
+_AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # indices of the nuisance parameters
 _OFF = 0.5  # of a line's amplitude, below which it counts as silent
 _ABSENT = 1.0  # [1/Hz] noise density of a side-band that a real IF does not have
 _TURNS = 16  # realisations of phases that nobody knows, evenly over the circle
@@ -174,10 +174,14 @@ class _Changes:
 
 
 def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
-    first, again, supports, own, own_before = [], [], [], [], []
+    first: list[np.ndarray] = []
+    again: list[np.ndarray] = []
+    supports: list[np.ndarray] = []
+    own: list[np.ndarray] = []
+    own_before: list[np.ndarray] = []
     for s in (FIRST, SECOND):
         old, new = clean(before, s, rows), clean(after, s, rows)
-        # where a chirp is off, a filter's answer to its edge is no line whose change could be told
+        # where a chirp is off, a filter's response to its edge is no line whose change could be measured
         on = np.logical_and(*(np.abs(x) > _OFF * np.abs(x).max(axis=1, keepdims=True) for x in (old, new)))
         ratio = np.where(on, new / np.where(on, old, 1.0), 1.0)
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
@@ -298,11 +302,11 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
             noise += 0.5 * len(everything) * freedom * math.log1p(excess) ** 2
         noise += weight * _of_own_phases(change, precision, weighted, spread)
         for s in (FIRST, SECOND):
-            one, other = (
+            without, with_them = (
                 sum(_of_bursts(before, int(rows[0]), (covariance, present), *b) for b in listed if b[0] == s)
                 for listed in bursts
             )
-            noise += len(everything) * (math.sqrt(other) - math.sqrt(one)) ** 2
+            noise += len(everything) * (math.sqrt(with_them) - math.sqrt(without)) ** 2
         mean = 0.5 * (fit + fit_other)
         speed = SPEED_OF_LIGHT / (1.0 + 1e-6 * before.refractivity[rows])
         error = speed * mean[:, _FLIGHT] - reference[rows]
@@ -357,7 +361,7 @@ def _of_own_phases(change: _Changes, precision: np.ndarray, weighted: np.ndarray
         root = np.linalg.inv(np.linalg.cholesky(covariances[1]))
         covariances[0] = root @ covariances[0] @ np.swapaxes(root, 1, 2)
     ratio = np.linalg.eigvalsh(covariances[0])
-    ratio = np.maximum(ratio, 1.0 / ratio)  # a line that should be there and is not tells as much
+    ratio = np.maximum(ratio, 1.0 / ratio)  # a missing line is as informative as an extra one
     return float(np.sum(ratio - 1.0 - np.log(ratio)))
 
 

@@ -74,7 +74,7 @@ def write_recording(scene: Scene, path: Path | str, progress: Callable[[int], No
     """Render a scene into a rosbag2 recording (mcap), like those of `recordings/practice`.
 
     Raises:
-        BagError: it exists already, or the place cannot be written.
+        BagError: it exists already, or its directory cannot be written.
     """
     with BagWriter(path) as bag:
         out = _Messages(bag)
@@ -109,7 +109,7 @@ def _write_calibrations(out: _Messages, scene: Scene, start: int) -> None:
 
 
 def _write_settings(out: _Messages, scene: Scene, row: int, stamps: np.ndarray) -> None:
-    """Write what is told once in a setting, and the sweep's settings where they change."""
+    """Write what is published once in a setting, and the sweep's settings where they change."""
     c, setting = scene.condition, int(scene.setting[row])
     if row > 0 and scene.setting[row - 1] == setting:
         return
@@ -172,7 +172,7 @@ def _write_sweep(
         range_std=c.reference_std,
     )
     for station, peer in (FIRST, SECOND), (SECOND, FIRST):
-        # both headers tell when the first station starts; the second one's record arrives its start delay later
+        # both headers state when the first station starts; the second one's record arrives its start delay later
         received = stamp + (0 if station == FIRST else round(1e9 * float(scene.nominal_start_delay[row])))
         out.write(
             f'/{c.names[station]}/if_samples',

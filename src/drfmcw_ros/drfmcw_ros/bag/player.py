@@ -142,12 +142,12 @@ def _play(node: PlayerNode, bag: BagReader, arguments: argparse.Namespace) -> No
         began = time.monotonic()
         skipped = 0.0  # recorded time cut out of long pauses [s]
         added = 0.0  # time spent to let settings arrive [s]
-        origin = last = None
+        origin = last = 0  # recorded time of the first and of the last message [ns]
         settings_sent = False
         for count, (topic, recorded, raw) in enumerate(_messages(bag, arguments.loop)):
             if not rclpy.ok():
                 return
-            if origin is None:
+            if count == 0:
                 origin = last = recorded
             skipped += max(0.0, (recorded - last) * 1e-9 - _LONGEST_PAUSE)
             last = recorded
@@ -198,7 +198,8 @@ def _messages(bag: BagReader, loops: int) -> Iterator[tuple[str, int, bytes]]:
 
 def _peer(raw: bytes) -> str:
     """Return the peer that serialised sweep settings are for."""
-    return typestore().deserialize_cdr(raw, STATION_TOPICS['sweep_config']).peer
+    message: Any = typestore().deserialize_cdr(raw, STATION_TOPICS['sweep_config'])
+    return message.peer
 
 
 def _stamp(raw: bytes) -> int:

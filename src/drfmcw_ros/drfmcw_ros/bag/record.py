@@ -44,11 +44,12 @@ class RecorderNode(Node):
         """Open the recording.
 
         Raises:
-            BagError: the recording exists already, or its place cannot be written.
+            BagError: the recording exists already, or cannot be written.
         """
         super().__init__('recorder', **kwargs)
         self._settings = settings
         self._writer = BagWriter(path, settings.storage, settings.overwrite)
+        self._completed = False
         self._counts: collections.Counter[str] = collections.Counter()
         self._known: set[str] = set()
         self._ignored: set[str] = set()
@@ -97,8 +98,9 @@ class RecorderNode(Node):
 
     def destroy_node(self) -> None:
         """Complete the recording, whatever ended the process."""
-        writer, self._writer = getattr(self, '_writer', None), None
-        if writer is not None:
+        if not self._completed:
+            self._completed = True
+            writer = self._writer
             writer.close()
             print(f'{writer.path}: {writer.message_count} messages on {len(self._known)} topics', flush=True)
         super().destroy_node()

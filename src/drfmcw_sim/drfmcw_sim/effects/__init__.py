@@ -7,8 +7,10 @@ import importlib
 import pkgutil
 
 from .base import Effect, effect_from_mapping
+from .recipe import WAVE, Recipe, geometric
+from .traits import ActsOn, Motion, Of, Stage
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f'{__name__}.{_module.name}')
 
-__all__ = ['Effect', 'effect_from_mapping']
+__all__ = ['WAVE', 'ActsOn', 'Effect', 'Motion', 'Of', 'Recipe', 'Stage', 'effect_from_mapping', 'geometric']

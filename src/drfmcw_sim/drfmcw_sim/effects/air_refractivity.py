@@ -5,17 +5,20 @@ import dataclasses
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class AirRefractivity(Effect, name='air_refractivity', of='path'):
+class AirRefractivity(Effect, name='air_refractivity', of=Of.PATH):
     """Offset of the path's refractivity from that of the measured weather (gradients, a sensor in the sun)."""
 
-    acts_on = 'delay'
+    acts_on = ActsOn.DELAY
     formula = 'n → n + 10⁻⁶ offset; τ → τ + 10⁻⁶ offset R / c, 1 N-unit is 1 mm per km'
     example = {'offset': 10.0}
+    recipes = (Recipe('offset', {'offset': 1.0}, {'offset': 100.0}),)
 
     offset: float = parameter(unit='1e-6', bounds=(-500.0, 500.0), description='in N-units, added to the refractivity')
 

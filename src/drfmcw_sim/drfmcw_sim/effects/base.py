@@ -1,7 +1,8 @@
 """What an effect is: declared parameters, and hooks that act on delay, amplitude, clocks, phase and samples."""
 
 import dataclasses
-import enum
+import functools
+import sys
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
@@ -10,56 +11,53 @@ import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, from_mapping, nearest
 
-from ..signal_model import Measurements, Station
-
-
-class Stage(enum.IntEnum):
-    """Order in which effects act, whatever the order in a scenario: the way of the signal."""
-
-    STATE = 0  # clocks, air, motion, powers, and what is added to the IF
-    GEOMETRY = 1  # what the antennas' heights make of distance and motion
-    PATHS = 2  # more paths and losses, which follow the final distance
-    FILTER = 3
-    AMPLIFIER = 4
-    LIMITER = 5
+from ..measurements import Measurements, Station
+from .recipe import Recipe
+from .traits import ActsOn, Motion, Of, Stage
 
 
 @dataclasses.dataclass(frozen=True)
 class Effect:
     """Base of all effects; a subclass gives its registered name: ``class Echo(Effect, name='echo')``.
 
-    What it is stands in its docstring, what it does in `formula`; the catalogue is made from both.
+    The docstring says what the effect is, `formula` what it does; the catalogue is made from both. An effect without
+    recipes is simulated but not searched for.
     """
 
     registry: ClassVar[dict[str, type['Effect']]] = {}
     name: ClassVar[str] = ''
-    of: ClassVar[str] = 'path'  # 'station', 'path' or 'reference': what one instance belongs to
-    shapes_chirp: ClassVar[bool] = False  # True where chirp_phase is not zero
+    of: ClassVar[Of] = Of.PATH
+    title: ClassVar[str] = ''  # in a finding; '' for the name with spaces
+    headline: ClassVar[str] = ''  # in a finding, one sentence; '' for the first line of the module's docstring
+    acts_on: ClassVar[ActsOn] = ActsOn(0)
     stage: ClassVar[Stage] = Stage.STATE
-    acts_on: ClassVar[str] = ''  # some of: clock, phase, delay, amplitude, noise, samples, reference
+    motion: ClassVar[Motion] = Motion.NONE
+    shapes_chirp: ClassVar[bool] = False  # chirp_phase is not zero
+    distorts: ClassVar[bool] = False  # not linear in the IF, so that harmonics arise
+    bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
+    movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
     formula: ClassVar[str] = ''  # one line
     example: ClassVar[dict[str, float]] = {}  # parameters of a typical size
+    recipes: ClassVar[tuple[Recipe, ...]] = ()  # how to search for it, one for each set of its parameters
 
     station: str = dataclasses.field(default='', kw_only=True)
 
-    def __init_subclass__(cls, name: str = '', of: str = 'path', **kwargs: Any) -> None:
+    def __init_subclass__(cls, name: str = '', of: Of = Of.PATH, **kwargs: Any) -> None:
         """Register the effect under its name."""
         super().__init_subclass__(**kwargs)
         cls.name, cls.of = name, of
+        cls.title = cls.title or name.replace('_', ' ')
+        cls.headline = cls.headline or str(sys.modules[cls.__module__].__doc__).strip().partition('\n')[0]
         Effect.registry[name] = cls
 
     @classmethod
-    def distorts(cls) -> bool:
-        """Return True where the effect is not linear in the IF, so that harmonics arise."""
-        return cls.stage >= Stage.AMPLIFIER
-
-    @classmethod
-    def bursts(cls) -> bool:
-        """Return True where the effect comes and goes, so that only many sweeps show it."""
-        return False
+    @functools.cache
+    def list_parameters(cls) -> frozenset[str]:
+        """Return the names of the parameters that hold a list, one value for each distance of a standing crane."""
+        return frozenset(name for name, kind in typing.get_type_hints(cls).items() if kind == list[float])
 
     def applies_to(self, station: str) -> bool:
-        """Return True where the effect acts at `station`; one without station acts at all."""
+        """Return True where the effect acts at `station`; without a station it acts at every one."""
         return not self.station or self.station == station
 
     def own_stations(self, m: Measurements) -> list[Station]:
@@ -91,7 +89,7 @@ class Effect:
             signal: float32 [n, samples], or [n, samples, 2] (I, Q) [LSB].
             station: receiver.
             m: the measurements.
-            streams: gives one random generator per sweep, independent of all others.
+            streams: returns one random generator per sweep, independent of all others.
         """
 
     def reference_error(
@@ -100,12 +98,12 @@ class Effect:
         distance: np.ndarray | float,
         distance_at: Callable[[np.ndarray | float], np.ndarray | float],
     ) -> np.ndarray | float:
-        """Return what the effect adds to the reading of the reference instrument [m].
+        """Return the error that the effect causes in the reading of the reference instrument [m].
 
         Args:
             time: of the reading, since the scenario's start [s].
-            distance: true one at that time [m].
-            distance_at: gives the distance [m] at other times [s].
+            distance: the true one at that time [m].
+            distance_at: returns the distance [m] at other times [s].
         """
         return 0.0
 
@@ -126,16 +124,16 @@ def effect_from_mapping(mapping: Mapping[str, Any], where: str, stations: list[s
     name = mapping['effect']
     if name not in Effect.registry:
         raise ConfigurationError(f"{where}: unknown effect '{name}'{nearest(name, sorted(Effect.registry))}")
-    hints = typing.get_type_hints(Effect.registry[name])
+    lists = Effect.registry[name].list_parameters()
     values = {k: v for k, v in mapping.items() if k != 'effect'}
     for key, value in values.items():  # a single number stands for a list of one
-        if hints.get(key) == list[float] and (isinstance(value, str) or not isinstance(value, Sequence)):
+        if key in lists and (isinstance(value, str) or not isinstance(value, Sequence)):
             values[key] = [value]
     effect = from_mapping(Effect.registry[name], values, f'{where}: {name}')
     if effect.station and effect.station not in stations:
         raise ConfigurationError(
             f"{where}: {name}: unknown station '{effect.station}'{nearest(effect.station, stations)}"
         )
-    if effect.station and effect.of != 'station':
+    if effect.station and effect.of is not Of.STATION:
         raise ConfigurationError(f'{where}: {name} belongs to the {effect.of}, it has no station')
     return effect

@@ -7,18 +7,33 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
-from .base import Effect, Stage
+from ..measurements import Measurements, Station
+from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of, Stage
 
 
 @dataclasses.dataclass(frozen=True)
-class Clipping(Effect, name='clipping', of='station'):
+class Clipping(Effect, name='clipping', of=Of.STATION):
     """Hard limit in front of the ADC, of I and Q each in a quadrature receiver."""
 
-    acts_on = 'samples'
+    acts_on = ActsOn.SAMPLES
     formula = 'x → max(−L, min(x, L)), L = 10^(level / 20) of full scale'
     example = {'level': -42.0}
     stage = Stage.LIMITER
+    distorts = True
+    recipes = (
+        Recipe(
+            '',
+            start={},
+            prior={'level': 20.0},
+            steps={'level': 0.1},
+            scan='limit',
+            scanned='level',
+            cells=20,
+            trust={'level': 0.05},
+        ),
+    )
 
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 100.0), description='limit; the amplitude of a full-scale sine is 0 dBFS'

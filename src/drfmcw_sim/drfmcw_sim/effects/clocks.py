@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..signal_model import Station
+from ..measurements import Station
 
 
 def shift_reference(station: Station, deviation: np.ndarray | float) -> None:

@@ -7,18 +7,33 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
-from .base import Effect, Stage
+from ..measurements import Measurements, Station
+from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of, Stage
 
 
 @dataclasses.dataclass(frozen=True)
-class Compression(Effect, name='compression', of='station'):
+class Compression(Effect, name='compression', of=Of.STATION):
     """Third-order curve of the IF amplifier, for I and Q each; its harmonics alias as those of hardware do."""
 
-    acts_on = 'samples'
+    acts_on = ActsOn.SAMPLES
     formula = 'x → x − third_order x³, x = 1 at full scale; an amplitude A loses ¾ c A³ and gains ¼ c A³ at 3f'
     example = {'third_order': 0.1}
     stage = Stage.AMPLIFIER
+    distorts = True
+    recipes = (
+        Recipe(
+            '',
+            start={},
+            prior={'third_order': 0.3},
+            steps={'third_order': 0.005},
+            scan='harmonics',
+            scanned='third_order',
+            cells=10,
+            tries=(-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0),
+        ),
+    )
 
     third_order: float = parameter(bounds=(-100.0, 100.0), description='c; positive compresses')
 
@@ -29,5 +44,5 @@ class Compression(Effect, name='compression', of='station'):
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Bend the signal."""
+        """Apply the curve."""
         signal -= np.float32(self.third_order / station.full_scale**2) * (signal * signal * signal)

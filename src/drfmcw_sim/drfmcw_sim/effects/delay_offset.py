@@ -4,17 +4,21 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class DelayOffset(Effect, name='delay_offset', of='path'):
+class DelayOffset(Effect, name='delay_offset', of=Of.PATH):
     """Delay of the whole path beyond the calibrated one (a longer cable)."""
 
-    acts_on = 'delay'
+    acts_on = ActsOn.DELAY
     formula = 'τ → τ + 10⁻⁹ delay'
     example = {'delay': 0.1}
+    movable = True
+    recipes = (Recipe('delay', {'delay': 0.01}, {'delay': 10.0}),)
 
     delay: float = parameter(unit='ns', bounds=(-1e3, 1e3), description='added to the delay of the path')
 

@@ -4,17 +4,20 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class DelayTemperature(Effect, name='delay_temperature', of='station'):
+class DelayTemperature(Effect, name='delay_temperature', of=Of.STATION):
     """Linear temperature coefficient of a station's delay, zero at the calibration temperature."""
 
-    acts_on = 'delay'
+    acts_on = ActsOn.DELAY
     formula = 'τ → τ + 10⁻¹² slope (board temperature − calibration temperature)'
     example = {'slope': 5.0}
+    recipes = (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),)
 
     slope: float = parameter(
         unit='ps/K', bounds=(-1e4, 1e4), description='of the delay over board temperature, zero at calibration'

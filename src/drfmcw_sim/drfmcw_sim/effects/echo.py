@@ -4,19 +4,38 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Path
-from .base import Effect, Stage
+from ..measurements import Measurements, Path
+from .base import Effect
 from .motion import slowness
+from .recipe import WAVE, Recipe
+from .traits import ActsOn, Of, Stage
 
 
 @dataclasses.dataclass(frozen=True)
-class Echo(Effect, name='echo', of='path'):
+class Echo(Effect, name='echo', of=Of.PATH):
     """A reflector beside the direct path, at constant excess range; its carrier phase follows from its length."""
 
-    acts_on = 'delay, amplitude'
+    acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
     formula = "second path of length R + excess_range, amplitude 10^(relative_power / 20) of the direct one's"
     example = {'excess_range': 7.5, 'relative_power': -30.0}
     stage = Stage.PATHS
+    movable = True
+    recipes = (
+        Recipe(
+            'relative_power',
+            start={'relative_power': -50.0},
+            prior={'relative_power': 20.0, 'excess_range': 100.0},
+            decibel=True,
+            quadrature=('excess_range', WAVE / 4.0),
+            turn=('excess_range', WAVE),
+            steps={'excess_range': 5e-4, 'relative_power': 0.05},
+            scan='excess delay',
+            scanned='excess_range',
+            cells=350,
+            repeats=True,
+            fringes=True,
+        ),
+    )
 
     excess_range: float = parameter(unit='m', bounds=(0.0, 1e5), description='length beyond the direct path')
     relative_power: float = parameter(unit='dB', bounds=(-200.0, 20.0), description='power relative to the direct path')

@@ -8,12 +8,14 @@ from scipy import fft
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
-from .base import Effect, Stage
+from ..measurements import Measurements, Station
+from .base import Effect
+from .recipe import Recipe, geometric
+from .traits import ActsOn, Of, Stage
 
 
 @dataclasses.dataclass(frozen=True)
-class IfFilter(Effect, name='if_filter', of='station'):
+class IfFilter(Effect, name='if_filter', of=Of.STATION):
     """First-order low-pass between mixer and amplifier, for signal, leakage and noise alike.
 
     Discretised by its analogue response H(f) at every frequency up to Nyquist, on the spectrum of the record padded
@@ -21,10 +23,12 @@ class IfFilter(Effect, name='if_filter', of='station'):
     at Nyquist rings: n samples from a step of the signal by |Im H(f_s/2)| / (pi n) of the step.
     """
 
-    acts_on = 'samples'
+    title = 'IF filter'
+    acts_on = ActsOn.SAMPLES
     formula = 'X(f) → X(f) / (1 + j f / pole)'
     example = {'pole': 2e6}
     stage = Stage.FILTER
+    recipes = (Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),)
 
     pole: float = parameter(unit='Hz', bounds=(1e3, 1e18), description='frequency at which the power is halved')
 

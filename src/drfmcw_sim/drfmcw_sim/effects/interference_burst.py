@@ -7,28 +7,40 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
+from ..measurements import Measurements, Station
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class InterferenceBurst(Effect, name='interference_burst', of='station'):
+class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
     """In some sweeps a burst of white noise, its start uniform over the record, cut off at the record's end."""
 
-    acts_on = 'noise'
+    acts_on = ActsOn.NOISE
     formula = 'x → x + s 10^(level / 20) √½ w(t) for t₀ ≤ t < t₀ + duration, w white with unit variance, s full scale'
     example = {'probability': 0.3, 'level': -40.0, 'duration': 5e-5}
+    bursts = True
+    recipes = (
+        Recipe(
+            '',
+            start={'level': -50.0, 'duration': 5e-5},
+            prior={'probability': 0.5, 'level': 20.0, 'duration': 1e-4},
+            each_sweep='probability',
+            steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5},
+            scan='bursts',
+            scanned='probability',
+            scanned_with=('level', 'duration'),
+            cells=30,
+            trust={'probability': 0.15, 'level': 1.0, 'duration': 0.25},
+        ),
+    )
 
     probability: float = parameter(bounds=(0.0, 1.0), description='of a burst in a sweep')
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 40.0), description='power of the burst; that of a full-scale sine is 0 dBFS'
     )
     duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='of a burst')
-
-    @classmethod
-    def bursts(cls) -> bool:
-        """Return True: a single sweep may hold none."""
-        return True
 
     def receive(
         self,
@@ -41,13 +53,13 @@ class InterferenceBurst(Effect, name='interference_burst', of='station'):
         if self.probability == 0.0:
             return
         count = station.sweep.sample_count
-        deviation = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
+        std = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
         for row, generator in enumerate(streams()):
-            chance, place = generator.random(2)
+            chance, start = generator.random(2)
             if chance >= self.probability:
                 continue
             rate = station.sweep.sample_rate * station.sample_clock[row]
-            begin = int(np.ceil(place * count))
-            end = int(np.ceil(min(place * count + self.duration * rate, count)))
+            begin = int(np.ceil(start * count))
+            end = int(np.ceil(min(start * count + self.duration * rate, count)))
             noise = generator.standard_normal(signal[row, begin:end].shape, dtype=np.float32)
-            signal[row, begin:end] += deviation * noise
+            signal[row, begin:end] += std * noise

@@ -1,10 +1,10 @@
-"""How the place of the crane moves the paths, and what geometry makes of its motion."""
+"""How motion of the crane changes the paths, and what the slant between antennas makes of it."""
 
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 
 
 def slowness(m: Measurements) -> np.ndarray:
@@ -29,7 +29,7 @@ def move(
 
 
 def hypotenuse_excess(m: Measurements, square: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what sqrt(R^2 + square) has more than R: length [m], velocity [m/s] and acceleration [m/s^2].
+    """Return by how much sqrt(R^2 + square) exceeds R: length [m], velocity [m/s] and acceleration [m/s^2].
 
     Args:
         m: measurements with range R.

@@ -4,17 +4,20 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class NoiseFloor(Effect, name='noise_floor', of='station'):
+class NoiseFloor(Effect, name='noise_floor', of=Of.STATION):
     """Excess of the additive noise over the calibrated floor."""
 
-    acts_on = 'noise'
+    acts_on = ActsOn.NOISE
     formula = 'noise density → noise density + excess'
     example = {'excess': 3.0}
+    recipes = (Recipe('', {}, {'excess': 10.0}, {'excess': (-1.0, 1.0, 6.0)}, steps={'excess': 0.05}, together=True),)
 
     excess: float = parameter(unit='dB', bounds=(-60.0, 100.0), description='over the calibrated noise floor')
 

@@ -6,17 +6,32 @@ import math
 from drfmcw_physics.phase_noise import PhaseNoise as Oscillator
 from drfmcw_physics.settings import ConfigurationError, parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class PhaseNoise(Effect, name='phase_noise', of='station'):
+class PhaseNoise(Effect, name='phase_noise', of=Of.STATION):
     """True phase noise in place of the reported one: its level, its corner, or both."""
 
-    acts_on = 'noise'
+    acts_on = ActsOn.NOISE
     formula = 'L(f) = L₀ / (1 + (f / corner)²), L(100 kHz) = level'
     example = {'level': -80.0}
+    recipes = (
+        Recipe(
+            '',
+            start={},
+            prior={'level': 5.0, 'corner': 1e5},
+            grid={'level': (-2.0, -0.5, 0.5, 2.0), 'corner': (0.5, 1.0, 2.0)},  # over and times the calibrated ones
+            steps={'level': 0.1, 'corner': 2e3},
+            together=True,
+            added_to={'level': 'phase_noise_level'},
+            times={'corner': 'phase_noise_corner'},
+            trust={'level': 0.15, 'corner': 0.03},
+        ),
+    )
 
     level: float = parameter(
         math.nan,

@@ -6,19 +6,31 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Station
+from ..measurements import Station
 from .base import Effect
 from .clocks import own_time
+from .recipe import Recipe, geometric
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class PllSettling(Effect, name='pll_settling', of='station'):
+class PllSettling(Effect, name='pll_settling', of=Of.STATION):
     """Damped oscillation of a second-order loop after the frequency error step at the start of the ramp."""
 
-    acts_on = 'phase'
+    title = 'PLL settling'
+    acts_on = ActsOn.PHASE
     formula = 'δf(t) = step exp(−2π d fₙ t) cos(2π fₙ √(1 − d²) t), φ = 2π ∫₀ᵗ δf'
     example = {'step': 20000.0, 'natural_frequency': 20000.0, 'damping': 0.5}
     shapes_chirp = True
+    recipes = (
+        Recipe(
+            'step',
+            start={'step': 500.0},
+            prior={'step': 1e5, 'natural_frequency': 5e4, 'damping': 1.0},
+            grid={'natural_frequency': geometric(2e3, 6e4, 12), 'damping': (0.15, 0.35, 0.7)},
+            defining=('damping',),
+        ),
+    )
 
     step: float = parameter(unit='Hz', bounds=(-1e9, 1e9), description='frequency error at the start of the ramp')
     natural_frequency: float = parameter(unit='Hz', bounds=(10.0, 1e9), description='f_n of the loop')

@@ -6,18 +6,30 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
 from .clocks import shift_reference
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceClockDrift(Effect, name='reference_clock_drift', of='station'):
+class ReferenceClockDrift(Effect, name='reference_clock_drift', of=Of.STATION):
     """Deviation of alpha that changes with time: steady drift from the start on, or warm-up to the calibrated value."""
 
-    acts_on = 'clock'
+    acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ (rate t / 3600 s + warmup exp(−t / time_constant)), t since the start'
     example = {'warmup': 2.0, 'time_constant': 300.0}
+    recipes = (
+        Recipe('rate', {'rate': 1.0}, {'rate': 50.0}),
+        Recipe(
+            'warmup',
+            start={'warmup': 0.2},
+            prior={'warmup': 10.0, 'time_constant': 300.0},
+            grid={'time_constant': (10.0, 30.0, 100.0, 300.0)},
+            within_recording=('time_constant',),  # a longer warm-up is an offset or a steady drift
+        ),
+    )
 
     rate: float = parameter(0.0, unit='ppm/h', bounds=(-100.0, 100.0), description='steady drift, zero at the start')
     warmup: float = parameter(

@@ -4,18 +4,21 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
 from .clocks import shift_reference
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceClockOffset(Effect, name='reference_clock_offset', of='station'):
+class ReferenceClockOffset(Effect, name='reference_clock_offset', of=Of.STATION):
     """Constant deviation of the reference, added to the calibrated alpha; the ADC clock moves with it."""
 
-    acts_on = 'clock'
+    acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ deviation; ADC clock in proportion'
     example = {'deviation': 2.0}
+    recipes = (Recipe('deviation', {'deviation': 0.2}, {'deviation': 20.0}),)
 
     deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='added to the calibrated alpha')
 

@@ -4,18 +4,21 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
 from .clocks import shift_reference
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of='station'):
+class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of=Of.STATION):
     """Linear temperature coefficient of alpha, zero at the calibration temperature; the ADC clock moves with it."""
 
-    acts_on = 'clock'
+    acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ slope (board temperature − calibration temperature); ADC clock in proportion'
     example = {'slope': 0.1}
+    recipes = (Recipe('slope', {'slope': 0.02}, {'slope': 1.0}),)
 
     slope: float = parameter(
         unit='ppm/K', bounds=(-50.0, 50.0), description='of alpha over board temperature, zero at calibration'

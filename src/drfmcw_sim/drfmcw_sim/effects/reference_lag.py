@@ -8,15 +8,18 @@ import numpy as np
 from drfmcw_physics.settings import parameter
 
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceLag(Effect, name='reference_lag', of='reference'):
-    """The reference tells where the crane was; where it stands, nothing changes."""
+class ReferenceLag(Effect, name='reference_lag', of=Of.REFERENCE):
+    """The reference gives the distance of an earlier time; while the crane stands, nothing changes."""
 
-    acts_on = 'reference'
+    acts_on = ActsOn.REFERENCE
     formula = 'reading = R(t − lag), about R − v lag'
     example = {'lag': 0.1}
+    recipes = (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),)
 
     lag: float = parameter(unit='s', bounds=(-60.0, 60.0), description='age of the distance that is read')
 

@@ -1,4 +1,4 @@
-"""The reference counts from another point."""
+"""The reference measures from another point."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,15 +8,18 @@ import numpy as np
 from drfmcw_physics.settings import parameter
 
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceOffset(Effect, name='reference_offset', of='reference'):
+class ReferenceOffset(Effect, name='reference_offset', of=Of.REFERENCE):
     """Constant error of the reference instrument (antenna offset, prism constant)."""
 
-    acts_on = 'reference'
+    acts_on = ActsOn.REFERENCE
     formula = 'reading = R + offset'
     example = {'offset': 0.01}
+    recipes = (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),)
 
     offset: float = parameter(unit='m', bounds=(-1e4, 1e4), description='added to each reading')
 

@@ -1,4 +1,4 @@
-"""The reference has another metre."""
+"""The scale of the reference is off."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,15 +8,18 @@ import numpy as np
 from drfmcw_physics.settings import parameter
 
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceScale(Effect, name='reference_scale', of='reference'):
+class ReferenceScale(Effect, name='reference_scale', of=Of.REFERENCE):
     """Error of the reference instrument in proportion to the distance."""
 
-    acts_on = 'reference'
+    acts_on = ActsOn.REFERENCE
     formula = 'reading = R (1 + 10⁻⁶ scale)'
     example = {'scale': 20.0}
+    recipes = (Recipe('scale', {'scale': 2.0}, {'scale': 200.0}),)
 
     scale: float = parameter(unit='ppm', bounds=(-1e5, 1e5), description='of the distance, added to each reading')
 

@@ -4,17 +4,27 @@ import dataclasses
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class SampleClockOffset(Effect, name='sample_clock_offset', of='station'):
+class SampleClockOffset(Effect, name='sample_clock_offset', of=Of.STATION):
     """Deviation of the ADC clock relative to its calibration; the chirp is not touched."""
 
-    acts_on = 'clock'
+    acts_on = ActsOn.CLOCK
     formula = 'ADC clock → ADC clock (1 + 10⁻⁶ deviation)'
     example = {'deviation': 10.0}
+    recipes = (
+        Recipe(
+            'deviation',
+            start={'deviation': 0.2},
+            prior={'deviation': 50.0},
+            incoherence={'deviation': 0.05},  # noise is compared sample by sample, and the clocks run apart
+        ),
+    )
 
     deviation: float = parameter(
         unit='ppm', bounds=(-500.0, 500.0), description='of the ADC clock from its calibration'

@@ -6,19 +6,30 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
-from .base import Effect, Stage
+from ..measurements import Measurements
+from .base import Effect
 from .motion import hypotenuse_excess, move
+from .recipe import Recipe
+from .traits import ActsOn, Of, Stage
 
 
 @dataclasses.dataclass(frozen=True)
-class SlantGeometry(Effect, name='slant_geometry', of='path'):
+class SlantGeometry(Effect, name='slant_geometry', of=Of.PATH):
     """The reference (and the scenario) give the horizontal distance; the radar measures along the slant."""
 
-    acts_on = 'delay, amplitude'
+    acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
     formula = 'R → √(R² + height_difference²), the power by the square of the distance'
     example = {'height_difference': 5.0}
     stage = Stage.GEOMETRY
+    recipes = (
+        Recipe(
+            '',
+            start={},
+            prior={'height_difference': 20.0},
+            grid={'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)},
+            needs_reference=True,  # without one, the measured distance stands in for it: that along the slant
+        ),
+    )
 
     height_difference: float = parameter(
         unit='m', bounds=(-1e4, 1e4), description='between the antennas; its sign does not matter'

@@ -7,17 +7,32 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
+from ..measurements import Measurements, Station
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class Spur(Effect, name='spur', of='station'):
+class Spur(Effect, name='spur', of=Of.STATION):
     """A free-running line (switching regulator, clock harmonic), its phase random from sweep to sweep."""
 
-    acts_on = 'samples'
+    acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) cos(2π frequency t + φ), φ uniform in each sweep, s full scale'
     example = {'frequency': 300000.0, 'level': -70.0}
+    recipes = (
+        Recipe(
+            'level',
+            start={'level': -80.0},
+            prior={'level': 20.0, 'frequency': 5e5},
+            decibel=True,
+            steps={'frequency': 20.0, 'level': 0.05},
+            scan='narrow line',
+            scanned='frequency',
+            cells=1000,
+            repeats=True,
+        ),
+    )
 
     frequency: float = parameter(unit='Hz', bounds=(0.0, 1e10), description='of the line in the IF')
     level: float = parameter(unit='dBFS', bounds=(-200.0, 20.0), description='amplitude; a full-scale sine is 0 dBFS')

@@ -6,21 +6,37 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
 from .motion import move
+from .recipe import Recipe
+from .traits import ActsOn, Motion, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class Sway(Effect, name='sway', of='path'):
-    """The distance swings about the reference's one, with place, velocity and acceleration at each sweep's start.
+class Sway(Effect, name='sway', of=Of.PATH):
+    """The distance oscillates about that of the reference.
 
-    What it leaves out within a sweep is (2 pi frequency t)^3 / 6 of the amplitude.
+    Each sweep has the position, velocity and acceleration at its start: within it, an error of
+    (2 pi frequency t)^3 / 6 of the amplitude remains.
     """
 
-    acts_on = 'delay'
+    acts_on = ActsOn.DELAY
     formula = 'R(t) → R(t) + amplitude sin(2π frequency t + phase), t since the start of the recording'
     example = {'amplitude': 0.005, 'frequency': 0.7}
+    motion = Motion.SWAY
+    recipes = (
+        Recipe(
+            'amplitude',
+            start={'amplitude': 1e-4},
+            prior={'amplitude': 0.05, 'frequency': 2.0, 'phase': 3.0},
+            quadrature=('phase', np.pi / 2.0),
+            steps={'frequency': 1e-5, 'phase': 0.01},
+            scan='oscillation',
+            scanned='frequency',
+            cells=2500,
+        ),
+    )
 
     amplitude: float = parameter(unit='m', bounds=(-100.0, 100.0), description='of the distance')
     frequency: float = parameter(unit='Hz', bounds=(0.0, 50.0), description='of the sway')
@@ -30,5 +46,5 @@ class Sway(Effect, name='sway', of='path'):
         """Move the crane."""
         omega = 2.0 * np.pi * self.frequency
         angle = omega * m.time + self.phase
-        place = self.amplitude * np.sin(angle)
-        move(m, place, self.amplitude * omega * np.cos(angle), -(omega**2) * place)
+        position = self.amplitude * np.sin(angle)
+        move(m, position, self.amplitude * omega * np.cos(angle), -(omega**2) * position)

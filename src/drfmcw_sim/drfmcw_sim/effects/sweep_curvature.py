@@ -6,19 +6,22 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Station
+from ..measurements import Station
 from .base import Effect
 from .clocks import own_time
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class SweepCurvature(Effect, name='sweep_curvature', of='station'):
+class SweepCurvature(Effect, name='sweep_curvature', of=Of.STATION):
     """Parabolic deviation of the sweep from the chord between its ends, in Hz of the station's own clock."""
 
-    acts_on = 'phase'
+    acts_on = ActsOn.PHASE
     formula = 'δf(t) = 4 deviation t (T − t) / T², φ = 4π deviation t² (1 − 2t / 3T) / T'
     example = {'deviation': 1000.0}
     shapes_chirp = True
+    recipes = (Recipe('deviation', {'deviation': 50.0}, {'deviation': 1e4}),)
 
     deviation: float = parameter(
         unit='Hz', bounds=(-1e8, 1e8), description='of the frequency at mid-sweep from the chord between the ends'

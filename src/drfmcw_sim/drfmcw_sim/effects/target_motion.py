@@ -6,18 +6,25 @@ import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, parameter
 
-from ..signal_model import Measurements
+from ..measurements import Measurements
 from .base import Effect
 from .motion import move
+from .recipe import Recipe
+from .traits import ActsOn, Motion, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class TargetMotion(Effect, name='target_motion', of='path'):
+class TargetMotion(Effect, name='target_motion', of=Of.PATH):
     """Velocity that the reference distance of each sweep does not show: Doppler shift and movement within the sweep."""
 
-    acts_on = 'delay'
+    acts_on = ActsOn.DELAY
     formula = 'R(t) → R + velocity t, t since the sweep of station 1 starts; it reads f_c velocity / k + velocity t'
     example = {'velocity': 0.5}
+    motion = Motion.DRIVE
+    recipes = (
+        Recipe('velocity', {'velocity': 0.001}, {'velocity': 3.0}),
+        Recipe('velocity', {'velocity': 0.001}, {'velocity': 3.0}, per_group=True),
+    )
 
     velocity: list[float] = parameter(
         unit='m/s',

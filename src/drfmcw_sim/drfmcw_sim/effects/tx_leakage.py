@@ -7,17 +7,21 @@ import numpy as np
 
 from drfmcw_physics.settings import parameter
 
-from ..signal_model import Measurements, Station
+from ..measurements import Measurements, Station
 from .base import Effect
+from .recipe import Recipe
+from .traits import ActsOn, Of
 
 
 @dataclasses.dataclass(frozen=True)
-class TxLeakage(Effect, name='tx_leakage', of='station'):
+class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
     """Leakage over a path without delay: mixed with itself, the chirp gives a constant while it is on."""
 
-    acts_on = 'samples'
+    title = 'TX leakage'
+    acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) while the chirp is on, s full scale'
     example = {'level': -40.0}
+    recipes = (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),)
 
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 20.0), description='of the constant; ADC full scale is 0 dBFS'

@@ -1,0 +1,27 @@
+"""Environment of all tests: messages check their fields, and what a test starts talks to nobody but itself.
+
+The tests of a package lie in its own `test/`, where `colcon test` looks for them. What needs a package above the one
+it examines lies in that upper package's `test/`, so that the packages keep their order: recordings of the proof's
+generator are diagnosed in drfmcw_proof, the watch is put into a graph in drfmcw_bringup. What examines the checkout as
+a whole lies in `test/`, beside the modules and data that tests share.
+"""
+
+import importlib.util
+import os
+import signal
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent / 'test'))
+
+os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+# `colcon test` of a lower package may find no drfmcw_bringup; those that start many processes have it
+if importlib.util.find_spec('drfmcw_bringup'):
+    from drfmcw_bringup.graph import free_domain_id
+
+    os.environ['ROS_DOMAIN_ID'] = str(free_domain_id())
+
+# started in the background (nohup, some CI services) we would pass an ignored Ctrl-C on to the processes under test
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)

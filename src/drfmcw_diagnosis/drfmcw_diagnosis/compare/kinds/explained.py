@@ -1,0 +1,21 @@
+"""What a kind of number asks of an explanation, to say how far its forward model is trusted."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from ..recorded_sweeps import RecordedSweeps
+
+
+@dataclasses.dataclass(frozen=True)
+class Explained:
+    """An explanation, as the doubt about forward models depends on it."""
+
+    recorded: RecordedSweeps
+    trust: float  # to which forward models are trusted in general, relative to what they add
+    distorting: bool  # one of its effects distorts the IF
+    bursting: bool  # one of its effects comes and goes
+    distorted: tuple[int, ...]  # stations with samples whose IF is distorted
+    incoherence: float  # doubt that its effects cast on what both lines' noise has in common [1]
+    changing: Callable[[], np.ndarray]  # computes by how much it makes the ramp change, see `Comparison.changing`

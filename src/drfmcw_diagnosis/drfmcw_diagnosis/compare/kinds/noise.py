@@ -1,0 +1,146 @@
+"""Noise: its level in bands, how unevenly it comes, and what both stations' lines share of it."""
+
+import dataclasses
+
+import numpy as np
+
+from ...features import coherence
+from ...features.extractor import unevenness
+from ..groups import pooled
+from ..limits import MODEL
+from ..measuring import Evidence
+from ..predicting import Expected
+from ..recorded_sweeps import RecordedSweeps
+from .explained import Explained
+from .kind import Kind, Measured, Of, Plotted, Shown, Trust, at_distance
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Burst(Kind):
+    """How unevenly the power beside the line is spread (G, S, 3), see `features.extractor.unevenness`."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the unevenness of each group; nothing is compared where sweeps are too few to scatter."""
+        sweeps = evidence.recorded.sweeps
+        if evidence.recorded.scatters:
+            return evidence.by_group(lambda g: unevenness(sweeps[g].quiet))
+        shape = (len(sweeps), len(evidence.recorded.heard), 3)
+        return np.zeros(shape), np.full(shape, np.inf)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return what bursts add to the unevenness of steady noise."""
+        if expected.bursting:
+            return expected.bursts.uneven
+        return np.zeros((*expected.features.line.shape, 3))
+
+    def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
+        """Doubt all of a distorted station: the stronger sweeps are distorted more, harmonics come and go as bursts."""
+        if explained.distorting:
+            by_station = size.reshape(len(explained.recorded.members), len(explained.recorded.heard), -1)
+            by_station[:, list(explained.distorted)] = np.inf
+        return size
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _InBands(Kind):
+    """Numbers in bands of equal width, over the frequency [Hz]."""
+
+    widest: float = 0.5  # upper end of the last band, of the sample rate
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the frequency [Hz]."""
+        bands = z.reshape(len(recorded.members), -1)
+        return self._centres(recorded, bands.shape[1]), np.sum(bands**2, axis=0)
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return the numbers over the frequency [Hz]."""
+        residual, std, curve = (shown.of_row(v)[shown.group] for v in (shown.residual, shown.std, shown.curve))
+        x = self._centres(shown.recorded, len(residual))
+        known = np.isfinite(residual) & np.isfinite(std)
+        return Plotted(x[known], residual[known], std[known], curve[known], self.unit, at_distance(shown))
+
+    def _centres(self, recorded: RecordedSweeps, bands: int) -> np.ndarray:
+        """Return the middle of each band (bands,) [Hz]."""
+        return (np.arange(bands) + 0.5) * (recorded.sample_rate * self.widest / bands)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Noise(_InBands):
+    """Power of the spectrum in bands without lines (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return medians over each band; not compared where the calibrations do not say what to expect."""
+        noise, std = evidence.noise
+        return noise, np.where(evidence.known.noise()[:, None], std, np.inf)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return floor and skirts, raised by further lines; a distortion acts on noise and line together."""
+        if expected.distorting:
+            changed: np.ndarray = expected.plain.raised[0] + expected.distortion.noise
+            return changed
+        return expected.raised[0]
+
+    def limited(self, std: np.ndarray, expected: list[Expected]) -> np.ndarray:
+        """Return standard deviations that include what floor and skirts are trusted to."""
+        limit = np.empty(std.shape)
+        for one in expected:
+            limit[one.part.groups] = one.model.noise.limit(one.part, one.raised[0])
+        return np.hypot(std, limit)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Coherence(_InBands):
+    """What the phase noise of both lines has in common (G, OFFSETS), see `features.coherence`."""
+
+    of: Of = Of.PATH
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean of the sweeps' shares."""
+        values = np.stack([share.mean(axis=0) for share in evidence.recorded.shares])
+        return values, _scatter(evidence) / evidence.roots[:, None]
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return what oscillators and floors make of it."""
+        return expected.noise[1]
+
+    def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
+        """Doubt it further beside effects that make the noise of both stations run apart."""
+        return size + explained.incoherence / explained.trust
+
+
+def _scatter(evidence: Evidence) -> np.ndarray:
+    """Return by what shares in the coherence scatter from sweep to sweep (G, OFFSETS); inf where not compared."""
+    recorded, counts = evidence.recorded, evidence.counts
+    if not (recorded.scatters and recorded.topology.both_heard and evidence.known.noise().all()):
+        return np.full((len(counts), coherence.OFFSETS), np.inf)
+    # each share is relative to the mean of both lines' noise, which takes one more degree of freedom
+    scatter = pooled(recorded.shares) * np.sqrt((counts - 1.0) / (counts - 2.0))[:, None]
+    present = np.array([np.any(s != 0.0, axis=0) for s in recorded.shares])
+    limit = MODEL.coherence * np.sqrt(counts)[:, None]
+    return np.where(present, np.hypot(scatter, limit), np.inf)
+
+
+BURST = Burst(
+    name='burst',
+    level='noise',
+    axis='range',
+    label='bursts of noise',
+    trust=Trust(beside_bursts=MODEL.bursts),
+)
+NOISE = Noise(
+    name='noise',
+    level='noise',
+    axis='if_frequency',
+    label='noise',
+    unit='dB',
+    has_gaps=True,
+    trust=Trust(beside_distortion=MODEL.harmonics, beside_bursts=MODEL.bursts, rest_beside_bursts=MODEL.bursts_rest),
+    needs_conditions=True,
+)
+COHERENCE = Coherence(
+    name='coherence',
+    level='noise',
+    axis='if_frequency',
+    label='noise that both lines share',
+    widest=coherence.FARTHEST,
+)

@@ -1,0 +1,181 @@
+"""What the line's frequency and power say of the path: common beat frequency, amplitude, range, and velocity."""
+
+import dataclasses
+
+import numpy as np
+
+from ...recording.grouping import noise_by_bends
+from ..groups import pooled
+from ..limits import MODEL, SCATTER
+from ..measuring import Evidence
+from ..predicting import Expected
+from ..recorded_sweeps import RecordedSweeps
+from .kind import Kind, Measured, Of, Plotted, Shown
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BeatSum(Kind):
+    """Common part of both beat frequencies (G,) [Hz]: 2 k T_off and the references' difference."""
+
+    of: Of = Of.PATH
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group; of one station it is not compared."""
+        recorded = evidence.recorded
+        std = np.full(len(evidence.counts), np.inf)
+        if recorded.scatters and recorded.topology.both_heard:
+            std = pooled([s.beat[:, None] for s in recorded.sweeps])[:, 0]
+        return evidence.mean('beat'), np.hypot(std / evidence.roots, MODEL.beat)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return that of simulated sweeps."""
+        return expected.features.beat
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Amplitude(Kind):
+    """Power of each line (G, S) [dB of 1 LSB]."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group; compared where the link budget gives it."""
+        recorded = evidence.recorded
+        std = np.full((len(evidence.counts), len(recorded.heard)), np.inf)
+        if recorded.scatters:
+            shared = SCATTER.amplitude_shared if recorded.topology.both_heard else 1.0
+            std = np.where(evidence.known.power(), shared * pooled([s.amplitude for s in recorded.sweeps]), np.inf)
+        return evidence.mean('amplitude'), np.hypot(std / evidence.roots[:, None], MODEL.amplitude)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return that of simulated sweeps."""
+        return expected.features.amplitude
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Range(Kind):
+    """Range by the combined delay beyond the reference (G,) [m]."""
+
+    of: Of = Of.PATH
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group; compared where reference and calibrations give it."""
+        recorded, known = evidence.recorded, evidence.known.range()
+        values = np.array([error.mean() for error in evidence.range_errors])
+        expected = np.array(
+            [
+                np.mean(s.range_std**2 + np.nan_to_num(recorded.data.reference_std[m]) ** 2)
+                for s, m in zip(recorded.sweeps, recorded.members, strict=True)
+            ]
+        )
+        std = np.full(len(values), np.inf)
+        if not recorded.scatters:
+            std[known] = np.sqrt(expected[known])
+        elif known.any():
+            errors = [e[:, None] for e, k in zip(evidence.range_errors, known, strict=True) if k]
+            std[known] = pooled(errors, expected[known])[:, 0]
+        limit = evidence.known.range_limit()
+        return values, np.hypot(np.maximum(std, SCATTER.least_range) / evidence.roots, limit)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return that of simulated sweeps beyond what the reference says there."""
+        return expected.features.range - expected.reference
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Velocity(Kind):
+    """Slope of the reference (G,) [m/s]."""
+
+    of: Of = Of.PATH
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the slope in each group."""
+        return evidence.recorded.slope, evidence.recorded.slope_std
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return the slope with which the crane drives."""
+        return expected.velocity
+
+    def over_groups(self, recorded: RecordedSweeps) -> np.ndarray:
+        """Return the slope of each group [m/s], over which it is shown."""
+        return recorded.slope
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Movement(Kind):
+    """Movement of each sweep within its group (n,) [m]: by the carrier phase where the target stands, else by range."""
+
+    of: Of = Of.PATH
+    per_sweep: bool = True
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return each sweep's movement from the group's mean."""
+        recorded, known = evidence.recorded, evidence.known.range()
+        wave = recorded.parts[0].extract.way_per_phase
+        by_phase = any(part.extract.way_per_phase for part in recorded.parts)
+        values, stds = [], []
+        for g, (rows, sweeps) in enumerate(zip(recorded.members, recorded.sweeps, strict=True)):
+            if recorded.standing[g]:
+                turned = np.unwrap(sweeps.carrier) * wave
+                # noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does
+                wander = noise_by_bends(turned) if len(turned) >= SCATTER.wander_sweeps else 0.0
+                std = np.hypot(np.maximum(sweeps.phase_std * wave, wander), MODEL.movement)
+                compared = by_phase
+            else:
+                # from sweep to sweep a drive passes more wavelengths than the reference can count
+                turned = evidence.range_errors[g]
+                std = np.hypot(sweeps.range_std, np.nan_to_num(recorded.data.reference_std[rows]))
+                compared = bool(known[g]) and by_phase
+            values.append(turned - turned.mean())
+            stds.append(std if compared else np.full(len(turned), np.inf))
+        return np.concatenate(values), np.concatenate(stds)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return the movement of the model's path."""
+        return expected.displacement
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the time [s]."""
+        return recorded.data.time[positions], z**2
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return movements over the time [s]."""
+        known = np.isfinite(shown.std)
+        time = shown.recorded.data.time[np.concatenate(shown.recorded.members)]
+        residual, std, curve = (v[known] for v in (shown.residual, shown.std, shown.curve))
+        return Plotted(time[known], residual, std, curve, self.unit)
+
+
+BEAT = BeatSum(
+    name='beat',
+    level='beat_frequency',
+    axis='range',
+    label='common part of both beat frequencies',
+    unit='Hz',
+)
+AMPLITUDE = Amplitude(
+    name='amplitude',
+    level='amplitude',
+    axis='range',
+    label='received power',
+    unit='dB',
+    needs_conditions=True,
+)
+RANGE = Range(
+    name='range',
+    level='range',
+    axis='range',
+    label='range beyond the reference',
+    unit='m',
+    averages=True,
+    needs_conditions=True,
+    needs_reference=True,
+)
+VELOCITY = Velocity(
+    name='velocity',
+    level='range',
+    axis='velocity',
+    label='slope of the reference',
+    unit='m/s',
+    averages=True,
+    needs_conditions=True,
+)
+MOVEMENT = Movement(name='movement', level='range', axis='time', label='movement within a place', unit='m')

@@ -1,0 +1,174 @@
+"""Amplitude and phase over the sweep: their mean course, and how they change from sweep to sweep."""
+
+import dataclasses
+import math
+
+import numpy as np
+import scipy.fft
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from ...features.extractor import gaussian, local_noise, median_of_mean, ramp_spectrum
+from ..limits import MODEL, SCATTER
+from ..measuring import Evidence
+from ..predicting import Expected
+from ..recorded_sweeps import RecordedSweeps
+from . import chances
+from .explained import Explained
+from .kind import Kind, Measured, Of, Plotted, Shown, Trust, at_distance
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _OfChannels(Kind):
+    """Cosine series over the sweep (G, 2 S, K), one of each of the ramp's channels."""
+
+    of: Of = Of.CHANNEL
+
+    def receiver(self, recorded: RecordedSweeps, row: int) -> int:
+        """Return the station of a channel, -1 where it belongs to both."""
+        return recorded.channels[row].receiver
+
+    def words(self, recorded: RecordedSweeps, row: int) -> str:
+        """Return what a channel is called."""
+        return recorded.channels[row].words
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ramp(_OfChannels):
+    """Mean cosine series of log amplitude [Np] and phase [rad]."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group; free terms are not compared."""
+        std = np.full((len(evidence.counts), *evidence.ramps[0].shape[1:]), np.inf)
+        for g, ramp in enumerate(evidence.ramps):
+            if evidence.recorded.scatters:
+                variance = ramp[..., SCATTER.free :].var(axis=0, ddof=1)
+                variance = uniform_filter1d(variance, SCATTER.smooth, mode='nearest', axis=-1)
+            else:
+                variance = evidence.white[g][0][:, None]
+            std[g, :, SCATTER.free :] = np.sqrt(variance / len(ramp))
+        return np.stack([ramp.mean(axis=0) for ramp in evidence.ramps]), std
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return the series of simulated sweeps."""
+        return ramp_spectrum(expected.features.ramp)
+
+    def chances(self, left: chances.Remainder) -> list[float]:
+        """Look also at what all groups have in common, and for events within the sweep."""
+        return [*super().chances(left), *chances.common(left.by_group()), chances.events(left)]
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the time in the sweep [s]."""
+        groups = len(recorded.members)
+        over_time = scipy.fft.idct(z.reshape(groups, -1), norm='ortho', axis=1)
+        return recorded.time, np.mean(over_time**2, axis=0) * groups
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return amplitudes or phases over the time in the sweep [s]."""
+        at = shown.group, shown.row
+        residual, std, curve = shown.residual[at], shown.std[at], shown.curve[at]
+        of_phase = shown.recorded.channels[shown.row].of_phase
+        scale, unit = (1.0, 'rad') if of_phase else (20.0 / math.log(10.0), 'dB')
+        known = np.isfinite(std)
+        residual, curve = (scipy.fft.idct(np.where(known, v, 0.0), norm='ortho') * scale for v in (residual, curve))
+        usual = np.full(len(residual), math.sqrt(np.mean(std[known] ** 2)) * scale)
+        return Plotted(shown.recorded.time, residual, usual, curve, unit, at_distance(shown))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Flutter(_OfChannels):
+    """Variance of the ramp's terms from sweep to sweep over that of the terms around, 1 for noise alone.
+
+    Its standard deviation stands for the variance around.
+    """
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return variances over those around, and those around."""
+        if not evidence.recorded.scatters:
+            ones = np.ones((len(evidence.counts), *evidence.ramps[0].shape[1:]))
+            return ones, ones
+        return evidence.by_group(lambda g: _over_neighbours(evidence.ramps[g]))
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return 1: what modulations of random phase add is only known well enough to doubt, see `uncertain`."""
+        return np.ones((len(expected.part.groups), *expected.std[self.name].shape[1:]))
+
+    def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
+        """Return variances as standard normals: of a standing target, where slow changes do not move them."""
+        freedom = recorded.freedom[:, None, None]
+        over = (gaussian(values, freedom) - gaussian(np.ones(1), freedom)) / SCATTER.flutter_spread
+        terms = np.arange(values.shape[-1])
+        compared = recorded.standing[:, None, None] & (terms >= SCATTER.steady) & recorded.scatters
+        return np.where(compared, over, 0.0)
+
+    def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
+        """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
+        if explained.distorting or explained.bursting:
+            return np.full(len(size), np.inf)
+        freedom = explained.recorded.freedom[:, None, None]
+        ratio = 1.0 + maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
+        changing: np.ndarray = gaussian(ratio, freedom) - gaussian(np.ones(1), freedom)
+        return changing.ravel()
+
+    def chances(self, left: chances.Remainder) -> list[float]:
+        """Look for one modulation frequency that all groups share."""
+        return [chances.rhythm(left.by_group())]
+
+    def words(self, recorded: RecordedSweeps, row: int) -> str:
+        """Return what a channel's change is called."""
+        return super().words(recorded, row).replace('over the sweep', 'from sweep to sweep')
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the modulation frequency [Hz]."""
+        terms = z.reshape(len(recorded.members), -1)
+        return _modulation(recorded, terms.shape[1]), np.sum(terms**2, axis=0)
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return whitened variances over the modulation frequency [Hz]."""
+        count = len(shown.whitened)
+        x = _modulation(shown.recorded, count)
+        return Plotted(x, shown.whitened, np.ones(count), shown.template, 'σ', at_distance(shown))
+
+
+def _over_neighbours(ramp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return variances over those of the terms around, and the latter, (2 S, K) each.
+
+    Args:
+        ramp: cosine series of a group's sweeps (n, 2 S, K).
+    """
+    squares = (ramp - ramp.mean(axis=0)) ** 2
+    power = squares[..., SCATTER.steady :].mean(axis=-1, keepdims=True)
+    # a single noisy sweep must not determine how all scatter
+    weight = np.minimum(np.median(power, axis=0) / power, 1.0)
+    variance = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
+    trend = _trend(variance)
+    around = trend * local_noise(variance / trend, SCATTER.flutter_median) / median_of_mean((len(ramp) - 1) / 2)
+    return variance / around, around
+
+
+def _trend(variance: np.ndarray) -> np.ndarray:
+    """Return the smooth course of spectra of noise (C, K), which a median over neighbours alone would cut off.
+
+    A polynomial in the logarithm of the term is fitted to their logarithms, without outliers above it.
+    """
+    term = np.log(np.arange(variance.shape[-1]) + 1.0)
+    basis = np.polynomial.chebyshev.chebvander(2.0 * term / term[-1] - 1.0, SCATTER.trend_degree)
+    result = np.empty(variance.shape)
+    for row, values in enumerate(np.log(np.maximum(variance, 1e-300))):
+        kept = np.arange(len(values)) >= SCATTER.steady
+        for _ in range(SCATTER.trend_rounds):
+            coefficients = np.linalg.lstsq(basis[kept], values[kept], rcond=None)[0]
+            above = values - basis @ coefficients
+            kept &= above < SCATTER.trend_above * above[kept].std()
+        result[row] = basis @ coefficients
+    result[:, : SCATTER.steady] = result[:, SCATTER.steady, None]  # the fit leaves these terms out
+    return np.exp(result)
+
+
+def _modulation(recorded: RecordedSweeps, terms: int) -> np.ndarray:
+    """Return the frequencies of the terms of a cosine series over the sweep (terms,) [Hz]."""
+    step = float(recorded.time[1] - recorded.time[0])
+    return np.arange(terms) / (2.0 * terms * step)
+
+
+RAMP = Ramp(name='ramp', level='if_samples', axis='ramp_time', averages=True)
+FLUTTER = Flutter(name='flutter', level='noise', axis='if_frequency', trust=Trust(usual=MODEL.flutter))

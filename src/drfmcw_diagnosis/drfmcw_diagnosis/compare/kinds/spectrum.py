@@ -1,0 +1,109 @@
+"""The spectrum beside the stations' own lines: further narrow lines, and the mean of the samples."""
+
+import dataclasses
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from ...features.extractor import gaussian
+from ..limits import MODEL, SCATTER, SIMULATION
+from ..measuring import Evidence, variance_factor
+from ..predicting import Expected
+from ..recorded_sweeps import RecordedSweeps
+from .explained import Explained
+from .kind import Kind, Measured, Plotted, Shown, Trust, at_distance
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Lines(Kind):
+    """Power in each bin over the noise around it (G, S, B), 1 for noise alone.
+
+    Its standard deviation stands for the noise around it [LSB^2].
+    """
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return mean spectra of sweeps without bursts over the noise around, and that noise."""
+        return np.stack(evidence.spectra) / evidence.around, evidence.around
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return what simulated sweeps add to the power, over the measured noise around."""
+        around, steady = np.ones(expected.added.shape), expected.std[self.name][expected.part.groups]
+        if expected.distorting:
+            # where harmonics raise the median around, the noise itself is what they add to
+            _, floor = expected.raised
+            raised = (steady > SIMULATION.raised * floor) & np.any(expected.added > floor, axis=-1, keepdims=True)
+            around[raised] = (floor / steady)[raised]
+        return around + expected.added / steady
+
+    def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
+        """Return means of exponential powers as standard normals, beside the stations' own lines."""
+        quiet = recorded.quiet_counts[..., None]
+        return np.where(recorded.beside_lines, gaussian(values, quiet) - gaussian(np.ones(1), quiet), 0.0)
+
+    def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
+        """Let harmonics be displaced: their frequency is a multiple of the line's, which is uncertain."""
+        if not explained.distorting:
+            return size
+        bins = explained.recorded.beside_lines.shape[-1]
+        displaced: np.ndarray = maximum_filter1d(size.reshape(-1, bins), MODEL.harmonics_width, axis=1)
+        return displaced.ravel()
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the IF [Hz]."""
+        bins = z.reshape(len(recorded.members), -1)
+        return _frequencies(recorded, bins.shape[1]), np.sum(bins**2, axis=0)
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return whitened powers over the IF [Hz]."""
+        count = len(shown.whitened)
+        x = _frequencies(shown.recorded, count)
+        return Plotted(x, shown.whitened, np.ones(count), shown.template, 'σ', at_distance(shown))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Mean(Kind):
+    """Mean of the samples (G, S, Q) [LSB], of I and Q apart."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group."""
+        if evidence.recorded.scatters:
+            variance = np.stack(
+                [s.mean.var(axis=0, ddof=1) * variance_factor(len(s.mean) - 1) for s in evidence.recorded.sweeps]
+            )
+        else:
+            variance = np.stack([mean for _, mean in evidence.white])
+        roots = evidence.roots[:, None, None]
+        return evidence.mean('mean'), np.maximum(np.sqrt(variance), SCATTER.least_mean) / roots
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return the mean of simulated sweeps."""
+        return expected.features.mean
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return all squares at 0 Hz."""
+        return np.zeros(1), np.array([float(z @ z)])
+
+
+def _frequencies(recorded: RecordedSweeps, bins: int) -> np.ndarray:
+    """Return the frequency of each bin of a spectrum (bins,) [Hz]."""
+    return np.arange(bins) * (recorded.sample_rate / 2 / (bins - 1))
+
+
+LINES = Lines(
+    name='lines',
+    level='if_spectrum',
+    axis='if_frequency',
+    label='narrow lines in the IF spectrum',
+    trust=Trust(usual=MODEL.lines, beside_distortion=MODEL.harmonics),
+    averages=True,
+    correlated=1.9,  # neighbouring bins of a Hann window share their noise
+)
+MEAN = Mean(
+    name='mean',
+    level='if_spectrum',
+    axis='if_frequency',
+    label='mean of the samples',
+    unit='LSB',
+    averages=True,
+    scatter_freedom=1,
+)

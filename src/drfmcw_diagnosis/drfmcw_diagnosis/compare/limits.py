@@ -1,0 +1,208 @@
+"""Constants of the comparison, with units; "chosen" is a judgement that only the tests and the proof have tried."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelLimits:
+    """To what forward models are trusted."""
+
+    forward: float = 0.003
+    """Of what an effect adds [1]; chosen."""
+
+    forward_in_unknown_air: float = 0.02
+    """Of the same where the weather is unknown [1]: the phase of a second path follows the air; chosen."""
+
+    lines: float = 0.05
+    """Of narrow lines [1], whose power follows amplitudes that scatter from sweep to sweep; chosen."""
+
+    flutter: float = 2.0
+    """Of what changes with the phase of each sweep [1], of which two are simulated; chosen."""
+
+    harmonics: float = 0.5
+    """Of harmonics in the spectrum [1]: their position and shape multiply those of the line; chosen."""
+
+    coherent_harmonics: float = 0.02
+    """Of harmonics at the line's own phase [1]; chosen."""
+
+    piled: float = 0.05
+    """Of samples at a limit [1], which follow amplitudes that scatter from sweep to sweep; chosen."""
+
+    bursts: float = 0.5
+    """Of bursts [1], of which a group of sweeps holds a few; chosen."""
+
+    bursts_rest: float = 1.0
+    """Standard deviations of the noise that bursts may leave: one that the sweep's end cuts off looks like noise;
+    chosen."""
+
+    harmonics_width: int = 33
+    """Bins over which a harmonic may be displaced; chosen."""
+
+    flutter_width: int = 5
+    """Terms over which a change from sweep to sweep may be displaced; chosen."""
+
+    floor: float = 0.02
+    """Of a white noise floor [dB]; chosen."""
+
+    skirt: float = 0.1
+    """Of the oscillators' skirts [dB]; chosen."""
+
+    beat: float = 10.0
+    """Of T_off on average, in the sum of both beat frequencies [Hz]; chosen."""
+
+    amplitude: float = 0.1
+    """Of the link budget at each distance [dB]; chosen."""
+
+    coherence: float = 0.005
+    """Of the coherence of both lines' noise [1]; chosen."""
+
+    movement: float = 1e-5
+    """Of the carrier phase as a movement [m]; chosen."""
+
+    air: float = 3e-5
+    """Of the refractivity where the weather is unknown [1]: a tenth of the default's; chosen."""
+
+    largest: float = 1e4
+    """Whitened residual at which numbers are clipped [1]: a larger one carries no more information; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ScatterLimits:
+    """How standard deviations follow from the scatter of sweeps."""
+
+    fewest: int = 3
+    """Sweeps of a group whose scatter is measured; smaller groups are left out; chosen."""
+
+    pool: float = 30.0
+    """Sweeps for which the scatter in all groups counts in each group; chosen."""
+
+    coherent: float = 0.5
+    """Length of the mean phasor of a group's sweeps [1], beyond which their phases count as one; chosen."""
+
+    steady: int = 8
+    """Terms of the ramp that slow changes of the conditions may move from sweep to sweep; chosen."""
+
+    free: int = 2
+    """Cosine terms that amplitude, phase and frequency of each sweep take out of the ramp; derived."""
+
+    trend_degree: int = 3
+    """Degree of the polynomial that follows the oscillators' noise; chosen."""
+
+    trend_rounds: int = 3
+    """Rounds in which outliers are taken out of that fit; chosen."""
+
+    trend_above: float = 2.5
+    """Standard deviations from which on a term is an outlier of that fit; chosen."""
+
+    wander_sweeps: int = 7
+    """Consecutive sweeps whose bends show how the carrier phase wanders; chosen."""
+
+    flutter_median: int = 31
+    """Terms over which the variance around one is taken; chosen."""
+
+    flutter_spread: float = 1.025
+    """By which the median of so few terms widens the spread of flutter [1]; chosen."""
+
+    smooth: int = 15
+    """Neighbouring cosine terms that share a variance; chosen."""
+
+    piled: float = 0.3
+    """Samples of a sweep that may pile up by chance; chosen."""
+
+    amplitude_shared: float = 1.4
+    """By which amplitudes of two stations are widened, as they scatter together: the sum counts twice; derived,
+    sqrt(2)."""
+
+    least_mean: float = 0.01
+    """Least standard deviation of a sweep's mean [LSB]; chosen."""
+
+    least_range: float = 1e-5
+    """Least standard deviation of a sweep's range [m]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepLimits:
+    """Which sweeps are compared."""
+
+    nearest_line: float = 40e3
+    """Distance of a line from 0 Hz and from the Nyquist frequency [Hz], at which the mirror line is clear of the ramp;
+    chosen."""
+
+    astray: float = 1.0
+    """Difference of a range from those of its group where a line was mistaken [m]; chosen."""
+
+    astray_spreads: float = 30.0
+    """The same in median absolute differences, if that is more; chosen."""
+
+    faded: float = 2.0
+    """Difference of a level from those of its group where something is in the way [dB]; chosen."""
+
+    faded_spreads: float = 10.0
+    """The same in median absolute differences, if that is more; chosen."""
+
+    faded_share: float = 0.25
+    """Share of a group's sweeps from which on fading is no exception [1]; chosen."""
+
+    standing: float = 4.0
+    """Standard deviations of the reference's slope within which a group stands; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulationLimits:
+    """How many sweeps stand for a group, and what is rounded."""
+
+    distorted: int = 11
+    """Sweeps simulated per group where an effect distorts the IF or the crane sways, evenly over half a turn; derived:
+    a prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
+    where the line is near a quarter of the sampling rate."""
+
+    bursting: int = 12
+    """Sweeps simulated per group, at most, where an effect comes and goes; chosen."""
+
+    raised: float = 1.5
+    """Of the noise [1], where the median around a bin counts as raised by lines; chosen."""
+
+    delay_step: float = 1e-9
+    """Delay that turns no sideband's phase noticeably [s]; chosen."""
+
+    frequencies: int = 16
+    """Frequencies of each noise band at which the skirts are taken; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LeftoverLimits:
+    """How leftovers are tested."""
+
+    windows: tuple[int, ...] = (2, 4, 8, 16, 32)
+    """Blocks over which a remainder is averaged; chosen."""
+
+    widths: tuple[float, ...] = (1.0, 2.5, 6.0)
+    """Widths of events within the sweep [blocks]; chosen."""
+
+    edge: int = 4
+    """Blocks at the sweep's ends in which no event is looked for; chosen."""
+
+    rhythm: tuple[int, ...] = (1, 3)
+    """Terms over which a rhythm of random phase spreads; chosen."""
+
+    flutter_tails: float = 1.15
+    """By which tails of variances over the median of those around are wider than normal ones [1]; chosen."""
+
+    tails_freedom: int = 60
+    """Degrees of freedom of standard deviations that more than a group's own scatter gives; chosen."""
+
+    squares: float = 1.03
+    """By which squares of whitened noise may be larger than 1 [1]; chosen."""
+
+    tails: float = 1.05
+    """By which standard deviations from scatter widen a normal distribution's tails [1]; chosen."""
+
+    common_tails: float = 1.1
+    """The same of means over all groups, and by how much their terms share their noise [1]; chosen."""
+
+    least_power: float = 0.02
+    """Of an event's squared length that counts, however much of it an explanation can imitate [1]; chosen."""
+
+
+MODEL, SCATTER, SWEEPS = ModelLimits(), ScatterLimits(), SweepLimits()
+SIMULATION, LEFTOVER = SimulationLimits(), LeftoverLimits()

@@ -1,0 +1,77 @@
+"""Constants of the features, with units; "chosen" is a judgement that only the tests and the proof have tried."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class CodeLimits:
+    """How ADC codes are judged."""
+
+    least_noise: float = 4.0
+    """Standard deviation from which on noise makes the histogram smooth [codes]; chosen."""
+
+    least_count: float = 25.0
+    """Samples in a code's neighbourhood, for counts to be normal; chosen."""
+
+    neighbours: int = 9
+    """Codes whose mean count gives the standard deviation of one; chosen."""
+
+    rail: int = 5
+    """Codes next to the smallest and the largest, in which a limiter piles samples up; chosen."""
+
+    correlated: float = 2.7
+    """Sum of squared correlations of fourth differences, which share their counts [1]; derived."""
+
+    stands_out: float = 4.0
+    """Standard deviations from which on a difference counts for where the excess is; chosen."""
+
+    pile: int = 3
+    """Samples more than at the next code that a sweep may have at its outermost ones by chance; chosen."""
+
+    tails: float = 1.05
+    """By which differences may be larger than normal ones [1]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SidebandLimits:
+    """Which sidebands of both lines are compared."""
+
+    nearest: int = 16
+    """Bins from the line that its own changes within the sweep leave free; chosen."""
+
+    clear: int = 16
+    """Bins of both sidebands from 0 Hz and from the Nyquist frequency; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SpectrumLimits:
+    """How spectra and series are taken."""
+
+    span_share: float = 0.1
+    """Of the window's largest power that a span must have [1]; chosen."""
+
+    free_sweeps: int = 3
+    """Sweeps without a burst that determine the noise between bursts; chosen."""
+
+    clear: int = 24
+    """Bins from the line, its mirror and 0 Hz that a harmonic must keep; chosen."""
+
+    blocks: range = range(12, 21)
+    """Samples per block: changes within the sweep up to 50 kHz; chosen."""
+
+    edge: int = 32
+    """Bins next to 0 Hz and to the Nyquist frequency that are not compared; chosen."""
+
+    median: int = 65
+    """Bins over which the noise around a narrow line is taken; chosen."""
+
+    fewest_bins: int = 16
+    """Bins of a band that determine its noise; chosen."""
+
+    noticed: float = 1e-3
+    """Of the noise [1], below which a line leaves the median of its band alone; chosen."""
+
+
+CODES = CodeLimits()
+SIDEBANDS = SidebandLimits()
+SPECTRUM = SpectrumLimits()

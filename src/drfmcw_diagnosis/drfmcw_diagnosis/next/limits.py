@@ -1,0 +1,23 @@
+"""Constants of hypothetical measurements, with units; "chosen" is a judgement that only tests have tried."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class FurtherLimits:
+    """How further sweeps are simulated."""
+
+    headroom: float = 6.0
+    """By which a strong signal is attenuated below full scale [dB]; chosen."""
+
+    places: int = 5
+    """Distances of further sweeps, at most; chosen."""
+
+    predicted: int = 60
+    """Predictions of each measurement that the time allows; chosen."""
+
+    distorting: int = 8
+    """Time that predicting a distortion takes, over that of other effects [1]; chosen."""
+
+
+FURTHER = FurtherLimits()

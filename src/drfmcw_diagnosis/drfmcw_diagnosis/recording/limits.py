@@ -1,0 +1,47 @@
+"""Constants of recordings and their groups, with units; "chosen" is a judgement that only tests have tried."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class GroupLimits:
+    """Which sweeps are taken together."""
+
+    pause: float = 2.0
+    """Pause between sweeps after which a new group begins, if longer than five intervals [s]; chosen."""
+
+    fastest: float = 10.0
+    """Change of the reference that is another distance and no drive [m/s]; chosen."""
+
+    still: float = 0.05
+    """By which a standing crane's reference may change beyond its noise [m]; chosen."""
+
+    peak: float = 8.0
+    """Largest difference of readings within a group, in standard deviations of the reference; chosen."""
+
+    bent: float = 4.0
+    """Standard deviations from which on an acceleration is more than noise; chosen."""
+
+    smallest: int = 6
+    """Sweeps of a driving crane's group that is not cut further; chosen."""
+
+    steady: float = 60.0
+    """Time in which weather and temperatures count as steady [s]; chosen."""
+
+    mad_to_std: float = 1.4826
+    """Standard deviation over the median absolute value of normal noise [1]; derived."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LineLimits:
+    """How lines are measured."""
+
+    far: float = 1.0
+    """Delay at which the sign of a beat frequency is beyond doubt [s]; chosen."""
+
+    chunk: int = 512
+    """Sweeps estimated at once, which bounds the memory; chosen."""
+
+
+GROUPS = GroupLimits()
+LINES = LineLimits()

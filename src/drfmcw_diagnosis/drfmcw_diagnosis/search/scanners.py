@@ -1,0 +1,378 @@
+"""Scanners: where in a remainder the search for an effect with a sharp shape should begin.
+
+Such an effect fits only within a resolution cell, of which there are hundreds: too many to simulate each. To first
+order most respond as a rotating phasor, so transforms of the remainder show all cells at once. An effect's recipe names
+the scanner that finds its starting points. A scanner only starts the search: the simulator's forward model alone says
+what an effect does.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy.fft
+from scipy import stats
+from scipy.ndimage import maximum_filter1d
+
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.settings import ConfigurationError, nearest
+from drfmcw_sim.effects import Recipe
+
+from ..compare.comparison import Comparison
+from ..features.extractor import BURST, HARMONICS, LINE, SPAN
+
+_HANN = 2.0  # resolution cells that a Hann window's line is wide, half of it
+_FINE = 8  # transform bins per resolution cell
+_PEAKS = 3  # starting points of each effect
+_DECIBEL = 20.0 / math.log(10.0)  # of one neper
+_PRODUCTS = np.concatenate([np.arange(0.25, 100.0, 0.1), np.geomspace(100.0, 1000.0, 1000)])  # of two heights [m^2]
+_SLOWEST_RIPPLE = 2.0  # periods within the sweep: slower ones are taken out with each sweep's frequency
+_FASTEST_SWAY = 5.0  # [Hz]
+_SWAY_CELLS = 2048  # at most
+_ALIASES = 512  # frequencies of sway whose maxima are refined
+_TOP = 17  # points around each of them
+_FAINT = 12.0  # gain below which no sway is tried
+_REFLECTIONS = 32  # starting points of a reflection: the fringes of different heights resemble each other
+_LONGEST = 500.0  # echo [m]
+
+_ABOVE_LIMIT = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)  # of limits that are tried where samples pile up [dB]
+_LEVEL_STEP = 2.0  # between limits that are tried [dB]
+_DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
+_GROWTH = (2, 8)  # powers of the line by which harmonics relative to it grow: of a compression, of a limiter (about)
+_LOUD = 0.3  # share of sweeps with a loud span, below which faint bursts are tried too
+_FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # their probability, duration [s]
+_SUSPICION = 0.05  # p-value of a station's spectrum below which distortions and bursts are tried
+
+Values = Sequence[float | tuple[float, ...]]
+"""Values of a scanned parameter, or of several parameters together, best first."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Scanner:
+    """One way to find starting points in a remainder."""
+
+    find: Callable[[Comparison, np.ndarray, int, Recipe], Values]
+    """From (comparison, whitened remainder, number of the station, recipe); the station is -1 where there is none."""
+
+    of_station: bool = False  # it scans the records of one station
+    resolution: Callable[[Comparison], float] = lambda comparison: 0.0  # two nearer than that look like one
+
+
+def starting_points(
+    comparison: Comparison, residual: np.ndarray, recipe: Recipe, station: int
+) -> list[dict[str, float]]:
+    """Return values of the scanned parameters at which an effect would explain most, best first.
+
+    Args:
+        comparison: recording and model.
+        residual: whitened remainder.
+        recipe: of the effect.
+        station: its number, -1 for none.
+
+    Raises:
+        ConfigurationError: no scanner has the name that the recipe gives.
+    """
+    scanner = _scanner(recipe.scan)
+    if scanner.of_station and station < 0:
+        return []
+    names = (recipe.scanned, *recipe.scanned_with)
+    found = scanner.find(comparison, residual, station, recipe)
+    return [dict(zip(names, v if isinstance(v, tuple) else (v,), strict=True)) for v in found]
+
+
+def resolution(comparison: Comparison, recipe: Recipe) -> float:
+    """Return the width of a resolution cell, in units of the scanned parameter; 0 where there is none."""
+    return _scanner(recipe.scan).resolution(comparison) if recipe.scan else 0.0
+
+
+def _scanner(name: str) -> Scanner:
+    if name not in SCANNERS:
+        raise ConfigurationError(f"no scanner '{name}'{nearest(name, sorted(SCANNERS))}")
+    return SCANNERS[name]
+
+
+def _peaks(score: np.ndarray, count: int = _PEAKS, apart: int = _FINE // 2) -> list[int]:
+    """Return the indices of the largest local maxima, best first."""
+    high = np.flatnonzero((score == maximum_filter1d(score, 2 * apart + 1)) & (score > 0.0))
+    return [int(k) for k in high[np.argsort(score[high])[::-1][:count]]]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Phasors:
+    """How well the remainder of each group fits A exp(2 pi i f t) over the sweep, t from mid-sweep: arrays (G, cells).
+
+    With A = |A| exp(i a) the correlation is |A| Re(exp(i a) correlation), the template's power
+    |A|^2 (power + Re(exp(2 i a) imbalance)).
+    """
+
+    frequency: np.ndarray  # (cells,) [Hz]
+    correlation: np.ndarray
+    power: np.ndarray
+    imbalance: np.ndarray
+
+    def gain(self) -> np.ndarray:
+        """Return by how much one phasor of any amplitude and phase lowers the misfit of all groups, (cells,)."""
+        real, imag = self.correlation.sum(axis=0).real, -self.correlation.sum(axis=0).imag
+        power, imbalance = self.power.sum(axis=0), self.imbalance.sum(axis=0)
+        determinant = np.maximum(power**2 - np.abs(imbalance) ** 2, 1e-12 * power**2 + 1e-30)
+        solved = (power - imbalance.real) * real**2 + (power + imbalance.real) * imag**2
+        return (solved + 2.0 * imbalance.imag * real * imag) / determinant
+
+
+def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors:
+    """Return how well phasors fit: those of a synthesiser, in the phases alone, or those of a path, in amplitudes too.
+
+    A second path turns amplitude and phase alike. Its phase has opposite signs in the lines of both stations; the phase
+    of a synthesiser has the same sign.
+    """
+    groups, channels, count = c.std.ramp.shape
+    stations = channels // 2
+    z = residual[c.entries.where(kind='ramp')].reshape(groups, channels, count) / c.std.ramp
+    weight = 1.0 / c.std.ramp**2
+    step = float(c.time[1] - c.time[0])
+    frequency = np.fft.rfftfreq(_FINE * count, step)[1:]
+    turn = 2.0 * math.pi * frequency[:, None] * step * (np.arange(count) - (count - 1) / 2.0)
+    basis = scipy.fft.dct(np.cos(turn), norm='ortho') + 1j * scipy.fft.dct(np.sin(turn), norm='ortho')
+    if synthesiser:
+        amplitude, amplitude_weight = z[:, stations], weight[:, stations]
+        phase, phase_weight = np.zeros_like(amplitude), np.zeros_like(amplitude_weight)
+    else:
+        amplitude, amplitude_weight = z[:, :stations].sum(axis=1), weight[:, :stations].sum(axis=1)
+        phase, phase_weight = math.sqrt(stations) * z[:, -1], stations * weight[:, -1]
+    return _Phasors(
+        frequency,
+        (amplitude - 1j * phase) @ basis.T,
+        (amplitude_weight + phase_weight) @ np.abs(basis.T) ** 2 / 2.0,
+        (amplitude_weight - phase_weight) @ basis.T**2 / 2.0,
+    )
+
+
+def _per_metre(c: Comparison) -> float:
+    """Return the beat frequency of one metre of excess path [Hz/m]."""
+    return abs(c.data.sweeps[0][0].chirp_rate) / SPEED_OF_LIGHT
+
+
+def _sweep_resolution(c: Comparison) -> float:
+    """Return the frequency of one turn over the analysed part of the sweep [Hz]."""
+    begin, end = c.data.sweeps[0][0].analysis_window()
+    return 1.0 / (end - begin)
+
+
+def _echoes(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return excess lengths of paths beside the direct one [m]."""
+    phasors = _phasors(c, residual, False)
+    near = [float(phasors.frequency[k] / _per_metre(c)) for k in _peaks(phasors.gain())]
+    return (*near, *_distant_echoes(c, residual))
+
+
+def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
+    """Return excess ranges of echoes that are resolved as lines of their own, equally far from each station's line."""
+    z = residual[c.entries.where(kind='lines')].reshape(len(c.members), -1, c.measured.lines.shape[-1])
+    bins = z.shape[-1]
+    width = c.data.sweeps[0][0].sample_rate / 2 / (bins - 1)
+    distance = np.arange(LINE, min(bins - 1, int(_LONGEST * _per_metre(c) / width)))
+    score = np.zeros(len(distance))
+    for group, sweeps in zip(z, c.sweeps, strict=True):
+        for spectrum, line in zip(group, sweeps.line.mean(axis=0) / width, strict=True):
+            at = np.rint(line + distance).astype(int)
+            score += np.where(at < bins, spectrum[np.minimum(at, bins - 1)], 0.0)
+    return tuple(float(distance[k] * width / _per_metre(c)) for k in _peaks(score, 1))
+
+
+def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return products of both antennas' heights above ground that reflects [m^2]."""
+    phasors = _phasors(c, residual, False)
+    distance = np.array([c.data.distance[m].mean() for m in c.members])
+    excess = np.sqrt(distance**2 + 4.0 * _PRODUCTS[:, None]) - distance  # (products, groups)
+    turn = np.exp(2j * math.pi * excess * c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT)
+    cell = np.rint(excess * _per_metre(c) / phasors.frequency[0]).astype(int) - 1
+    inside = (cell >= 0) & (cell < len(phasors.frequency))
+    at = np.arange(len(distance)), cell.clip(0, len(phasors.frequency) - 1)
+    correlation = np.where(inside, (turn * phasors.correlation[at]).real, 0.0)
+    power = np.where(inside, phasors.power[at] + (turn**2 * phasors.imbalance[at]).real, 0.0)
+    # where both paths lie in one resolution cell, the reflection shows in the level
+    std = c.std.amplitude
+    level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
+    gained = correlation.sum(axis=1) + _DECIBEL * turn.real @ level.sum(axis=1)
+    spent = power.sum(axis=1) + _DECIBEL**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
+    return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), _REFLECTIONS))
+
+
+def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of a synthesiser's ripple over the sweep [Hz]."""
+    phasors = _phasors(c, residual, True)
+    duration = float(c.time[-1] - c.time[0])
+    gain = np.where(phasors.frequency * duration < _SLOWEST_RIPPLE, 0.0, phasors.gain())
+    return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
+
+
+def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of movement about the reference's readings [Hz]."""
+    chosen = c.entries.where(kind='movement')
+    rows, group = c.entries.position[chosen], c.entries.group[chosen]
+    weight = 1.0 / c.std.movement
+    used = weight > 0.0
+    if np.count_nonzero(used) < 4:
+        return ()
+    rows, group, weight, z = rows[used], group[used], weight[used], residual[chosen][used]
+    time = c.data.time[rows]
+    step = max(0.25 / max(np.ptp(time), 1.0), _FASTEST_SWAY / (_FINE * _SWAY_CELLS))
+    frequency = np.arange(1, int(_FASTEST_SWAY / step)) * step
+
+    def score(frequency: np.ndarray) -> np.ndarray:
+        wave = np.exp(2j * math.pi * frequency[:, None] * time)
+        for g in np.unique(group):  # movement is compared within its group only
+            wave[:, group == g] -= wave[:, group == g].mean(axis=1, keepdims=True)
+        real, imag = (wave * weight).real, (wave * weight).imag
+        rr, ii, ri = np.sum(real * real, axis=1), np.sum(imag * imag, axis=1), np.sum(real * imag, axis=1)
+        a, b = real @ z, imag @ z
+        return (ii * a * a - 2.0 * ri * a * b + rr * b * b) / np.maximum(rr * ii - ri * ri, 1e-30)
+
+    coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
+    if coarse.max() < _FAINT:
+        return ()
+    # with pauses between groups many frequencies fit nearly as well: compare them at their exact maxima
+    fine = np.concatenate([frequency[k] + step * np.linspace(-1.0, 1.0, _TOP) for k in _peaks(coarse, _ALIASES, 1)])
+    fine, best = fine.reshape(-1, _TOP), score(fine).reshape(-1, _TOP)
+    row, at = np.arange(len(best)), best.argmax(axis=1).clip(1, _TOP - 2)
+    left, middle, right = (best[row, at + i] for i in (-1, 0, 1))
+    bend = np.minimum(left - 2.0 * middle + right, -1e-30)
+    offset = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
+    height = middle - 0.25 * (left - right) * offset
+    peaks = fine[row, at] + offset * (fine[0, 1] - fine[0, 0])
+    return tuple(float(f) for f in peaks[np.argsort(height)[::-1][:_PEAKS]])
+
+
+def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
+    """Return whether a station's spectrum and levels differ from the model's: a distortion takes long to simulate."""
+    chances = []
+    for kind in ('harmonic', 'lines', 'noise', 'amplitude', 'piled'):
+        z = residual[c.entries.where(kind=kind, station=station)]
+        used = np.count_nonzero(z)
+        share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
+        chances.append(stats.chi2.sf(z @ z / share, used / share) if used else 1.0)
+    chances += _third_harmonic(c, residual, station)
+    return bool(len(chances) * min(chances) <= _SUSPICION)
+
+
+def _harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return the values that the recipe tries, where a station's spectrum or levels suggest a distortion."""
+    return recipe.tries if _suspicious(c, residual, station) else ()
+
+
+def _limits(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion."""
+    if not _suspicious(c, residual, station):
+        return ()
+    full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
+    strongest = float(c.measured.amplitude[:, station].max()) - full_scale
+    return (*_limit(c, station, full_scale), *np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+
+
+def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
+    """Return limits about that at which a station's samples pile up [dB of full scale]; none where they do not.
+
+    How many samples pile up depends on the level, which is known less well: a slightly different limit may fit better.
+    """
+    piled = c.measured.piled[:, station] / c.std.piled[:, station]
+    most = int(np.argmax(piled))
+    if piled[most] <= 0.0:
+        return ()
+    samples = c.data.samples[c.heard[station]]
+    assert samples is not None  # of a station that is heard
+    limit = 20.0 * math.log10(np.abs(samples[c.members[most]].astype(int)).max()) - full_scale
+    return tuple(limit + above for above in _ABOVE_LIMIT)
+
+
+def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
+    """Return p-values of third harmonics at the line's phase that grow with the line as those of a distortion do."""
+    groups = len(c.members)
+    z = residual[c.entries.where(kind='harmonic', station=station)].reshape(groups, -1)[:, HARMONICS.index(3)]
+    line = 10.0 ** ((c.measured.amplitude[:, station] - c.measured.amplitude[:, station].max()) / 20.0)
+    chances = []
+    for power in _GROWTH:
+        expected = np.where(z != 0.0, line**power / c.std.harmonic[:, station, HARMONICS.index(3)], 0.0)
+        if expected.any():
+            chances.append(float(2.0 * stats.norm.sf(abs(expected @ z) / np.linalg.norm(expected))))
+    return chances
+
+
+def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return (probability in a sweep, level [dB of full scale], duration [s]) of bursts of noise.
+
+    The sweeps with loud spans suggest them; none where the power is spread evenly.
+    """
+    z = residual[c.entries.where(kind='burst', station=station)]
+    if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > _SUSPICION:
+        return []
+    shares, levels, lengths, steady = [], [], [], []
+    for features in c.sweeps:
+        quiet = features.quiet[:, station]
+        loud = quiet > BURST * np.median(quiet)
+        shares.append(loud.any(axis=1))
+        levels.append(quiet[loud] - np.median(quiet))
+        lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
+        steady.append(np.median(quiet))
+    share = float(np.mean(np.concatenate(shares)))
+    sweep = c.data.sweeps[0][c.heard[station]]
+    bandwidth = 2.0 * LINE / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
+    full_scale = float(np.median(c.data.full_scale[c.heard[station]]))
+
+    def level(power: float) -> float:
+        return 10.0 * math.log10(2.0 * power / max(1.0 - bandwidth, 0.5) / full_scale**2)
+
+    found: list[tuple[float, ...]] = []
+    if share > 0.0:
+        power = float(np.mean(np.concatenate(levels)))
+        duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
+        found = [
+            (min(share * more, 1.0), level(power) + higher, duration)
+            for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
+        ]
+    if share < _LOUD:
+        for probability, duration in _FAINT_BURSTS:
+            ratio = _faint(c, station, probability * duration / sweep.ramp_duration)
+            if ratio > 0.0:
+                found.append((probability, level(ratio * float(np.mean(steady))), duration))
+    return found
+
+
+def _faint(c: Comparison, station: int, covered: float) -> float:
+    """Return the power of bursts over that of the noise that makes the squared powers of spans as uneven as measured.
+
+    Args:
+        c: recording and model.
+        station: its number.
+        covered: share of all spans that lie in a burst.
+    """
+    uneven, std = c.measured.burst[:, station, 0], c.std.burst[:, station, 0]
+    mean = float(np.average(uneven, weights=1.0 / std**2))
+    return math.sqrt(1.0 + math.expm1(max(mean, 0.0)) / covered) - 1.0
+
+
+def _lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of lines in a station's IF spectrum [Hz]."""
+    z = residual[c.entries.where(kind='lines', station=station)].reshape(len(c.members), -1)
+    width = c.data.sweeps[0][0].sample_rate / 2 / (z.shape[1] - 1)
+    score = z.sum(axis=0) / np.sqrt(np.maximum(np.count_nonzero(z, axis=0), 1))
+    joined = np.convolve(score, (0.5, 1.0, 0.5), 'same')  # a Hann window spreads a line over three bins
+    found = []
+    for k in _peaks(joined, apart=2):
+        inside = np.maximum(score[max(k - 1, 0) : k + 2], 0.0)
+        offset = np.average(np.arange(max(k - 1, 0), max(k - 1, 0) + len(inside)), weights=inside + 1e-12)
+        found.append(float(offset * width))
+    return tuple(found)
+
+
+SCANNERS: dict[str, Scanner] = {
+    'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
+    'fringes over distance': Scanner(_reflections),
+    'ripple': Scanner(_ripples, resolution=_sweep_resolution),
+    'oscillation': Scanner(_oscillations),
+    'narrow line': Scanner(_lines, True, lambda c: _HANN * _sweep_resolution(c)),
+    'harmonics': Scanner(_harmonics, True),
+    'limit': Scanner(_limits, True),
+    'bursts': Scanner(_bursts, True),
+}
+"""By the name that a recipe gives in `scan`."""

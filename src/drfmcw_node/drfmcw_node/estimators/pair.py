@@ -1,0 +1,423 @@
+"""Both stations' sweeps evaluated jointly, where the raw samples of both are available.
+
+The two sweeps share the oscillators' noise and the chirp that different references leave on the lines, with opposite
+signs. Each sweep is demodulated near its line and averaged over blocks of about 15 us. The product of both basebands
+(one conjugated in short-distance mode) is then a tone at the combined beat frequency, in which all of it
+cancels, however strong it is and whether or not it is calibrated. Mirror line and constant are subtracted from each
+block beforehand, using the line that a first round finds. A single station's line is estimated in the same blocks.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.fft
+
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import Role, SweepSettings
+
+from .estimation import TINY, Estimates, EstimatorSettings, Sweeps
+from .maximum_likelihood import FINE, MaximumLikelihoodEstimator
+
+_CHUNK = 1 << 17  # samples of one station worked on at once: the temporaries of both stay in the cache
+BLOCKS = range(24, 41)
+"""Lengths of a block that are tried [samples]."""
+
+_PADDING = 4  # of the transform in which a tone is searched
+_STEPS = 2  # of Newton's method
+_ROUNDS = 3  # of mirror line and constant against a line whose chirp is not known
+
+
+@dataclasses.dataclass(frozen=True)
+class Basebands:
+    """Lines in blocks of a sweep, demodulated, of S stations."""
+
+    lines: np.ndarray  # (S, B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, at the block's centre
+    frequency: np.ndarray  # of the demodulation (S, B) [Hz]
+    time: np.ndarray  # of the blocks (S, K), since the station's own sweep start [s]
+    power: tuple[np.ndarray, ...]  # squared magnitude of the Hann-windowed sweep's bins, of each station (B, bins)
+    beat: np.ndarray  # frequency of each line (S, B) [Hz]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Demodulated:
+    """The stations' sweeps times exp(-j psi), in blocks."""
+
+    line: np.ndarray  # (S, B, K) complex64 [LSB]: a of a line a exp(j psi) + conj, mirror line and constant leaking in
+    mirror: np.ndarray | None  # what a mirror line of amplitude 1 leaks (S, B, K), None for quadrature samples
+    constant: np.ndarray  # what a constant of 1 leaks (S, B, K)
+    mean: np.ndarray  # of the samples (S, B, 1) [LSB]
+
+    def without_leakage(self, model: np.ndarray) -> np.ndarray:
+        """Return the blocks without what leaks, by the amplitude `model` (S, B, K) of the line."""
+        leaked = (model * self.constant.conj()).mean(axis=-1)[..., None]
+        if self.mirror is None:
+            return self.line - (self.mean - leaked) * self.constant
+        return self.line - model.conj() * self.mirror - (self.mean - 2.0 * leaked.real) * self.constant
+
+
+@dataclasses.dataclass(frozen=True)
+class _Lines:
+    """The stations' lines about the frequencies of their demodulation."""
+
+    frequency: np.ndarray  # (S, B) [cycles per sample]
+    amplitude: np.ndarray  # at the window's centre, complex (S, B) [LSB]
+    blocks: np.ndarray  # amplitude of each block, chirp included (S, B, K)
+
+
+class BlockEstimator:
+    """Lines of S stations in blocks of a sweep; a subclass says how the stations' lines combine."""
+
+    def __init__(
+        self, stations: tuple[MaximumLikelihoodEstimator, ...], signs: tuple[int, ...], blocks: range, chirp_known: bool
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
+
+        Args:
+            stations: estimators of single stations.
+            signs: of the first station's residual chirp in each line.
+            blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
+            chirp_known: False if the chirp that remains after calibration may be large; it is then estimated.
+        """
+        self.stations, self._signs, self._chirp_known = stations, np.array(signs), chirp_known
+        count = min(s.samples.stop - s.samples.start for s in stations)
+        self._size = min(blocks, key=lambda n: (count % n, -n))
+        self._count = count // self._size * self._size  # samples of each station that blocks cover
+        index = (self._size - 1) / 2 + self._size * np.arange(count // self._size)
+        # of the blocks, each station's counted from the centre of its own window (S, K) [samples]
+        self._time = np.array([s.samples.start - s.origin + index for s in stations])
+        self._weights = np.full(self._size, 1.0 / self._size, np.complex64)
+
+    @property
+    def block(self) -> int:
+        """Length of a block [samples]."""
+        return self._size
+
+    def basebands(self, samples: Sequence[np.ndarray]) -> Basebands:
+        """Return the lines of few sweeps over the time in the sweep, and their beat frequencies alone.
+
+        Args:
+            samples: of each station (B, sample_count), int16 or float, or (B, 2 sample_count) I, Q, ...; same sweeps.
+        """
+        return self._found(samples)[2]
+
+    def with_basebands(
+        self, samples: Sequence[np.ndarray], full_scale: float
+    ) -> tuple[tuple[Estimates, ...], Basebands]:
+        """Return all that is estimated of few sweeps, and the lines over the time in the sweep.
+
+        Args:
+            samples: as for `basebands`.
+            full_scale: ADC code of full scale of all stations [LSB].
+        """
+        found, lines, basebands = self._found(samples)
+        basebands = dataclasses.replace(basebands, power=tuple(p.copy() for p in basebands.power))
+        scale = np.full(len(samples[0]), full_scale)  # `conclude` overwrites the power
+        parts = zip(self.stations, found, lines, strict=True)
+        return tuple(s.collect([s.conclude(f, *line, scale, None)]) for s, f, line in parts), basebands
+
+    def _found(
+        self, samples: Sequence[np.ndarray]
+    ) -> tuple[list[Sweeps], list[tuple[np.ndarray, np.ndarray]], Basebands]:
+        """Return each station's sweeps, its line, and the basebands, which share the sweeps' power."""
+        found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
+        coarse, blocks, chirp, models = self._resolve(found)
+        lines = self._combine(coarse, blocks, chirp, models)
+        rates = np.array([s.sweep.sample_rate for s in self.stations])[:, None]
+        bins = rates / np.array([s.length for s in self.stations])[:, None]
+        origins = np.array([s.origin for s in self.stations])[:, None]
+        basebands = Basebands(
+            lines=blocks,
+            frequency=np.array(coarse) * (bins / FINE),
+            time=(self._time + origins) / rates,
+            power=tuple(f.power for f in found),
+            beat=np.array([frequency for frequency, _ in lines]) * bins,
+        )
+        return found, lines, basebands
+
+    def _chirp(self, lines: np.ndarray) -> np.ndarray:
+        """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
+        raise NotImplementedError
+
+    def _combine(
+        self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,).
+
+        Args:
+            coarse: frequencies of the demodulation, of each station (B,) [1/FINE bin], all as of `_resolve`.
+            lines: blocks free of leakage (S, B, K).
+            chirp: that the first line has (B,) [cycles per sample^2].
+            models: lines fitted to the blocks.
+        """
+        raise NotImplementedError
+
+    def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, '_Lines']:
+        """Return coarse frequencies of each station, blocks free of leakage, residual chirp and lines."""
+        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
+        records = self._demodulate(found, coarse)
+        lines, chirp = records.line, np.zeros(len(coarse[0]))
+        models = self._fit(lines, chirp if self._chirp_known else self._chirp(lines))
+        for _ in range(1 if self._chirp_known else _ROUNDS):
+            lines = records.without_leakage(models.blocks)
+            chirp = self._chirp(lines)
+            models = self._fit(lines, chirp)
+        return coarse, lines, chirp, models
+
+    def _fit(self, lines: np.ndarray, chirp: np.ndarray) -> '_Lines':
+        """Return the lines of blocks (S, B, K), the first one's residual chirp given (B,) [cycles per sample^2]."""
+        time = self._time[:, None]
+        bend = _rotation(0.5 * self._signs[:, None] * chirp, time**2)
+        frequency, amplitude = _tone(lines * bend.conj(), time, self._size)
+        bend *= _rotation(frequency, time)
+        bend *= amplitude.astype(np.complex64)[..., None]
+        return _Lines(frequency, amplitude, bend)
+
+    def _demodulate(self, found: Sequence[Sweeps], coarse: list[np.ndarray]) -> '_Demodulated':
+        """Return the stations' sweeps in blocks.
+
+        Args:
+            found: of each station's search.
+            coarse: frequency of each station's demodulation (B,) [1/FINE bin].
+        """
+        lines, mirrors, constants, means = [], [], [], []
+        for station, sweeps, at in zip(self.stations, found, coarse, strict=True):
+            start = station.samples.start
+            record = sweeps.record[:, start : start + self._count]
+            carrier = station.carrier(at)[:, : self._count]
+            lines.append(self._means(record * carrier))
+            constants.append(self._means(carrier))
+            means.append(record.mean(axis=1)[:, None])
+            if not station.iq:
+                mirrors.append(self._means(carrier * carrier))
+        return _Demodulated(
+            np.stack(lines), np.stack(mirrors) if mirrors else None, np.stack(constants), np.stack(means)
+        )
+
+    def _means(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of each block (B, K) of values (B, N)."""
+        return np.matmul(values.reshape(len(values), -1, self._size), self._weights)
+
+    def _line(
+        self, station: MaximumLikelihoodEstimator, coarse: np.ndarray, frequency: np.ndarray, amplitude: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return (frequency [bins], complex amplitude of the windowed line), (B,) each.
+
+        Args:
+            station: whose line.
+            coarse: frequency of the demodulation (B,) [1/FINE bin].
+            frequency: of the blocks' tone (B,) [cycles per sample].
+            amplitude: of the same at the window's centre (B,) [LSB].
+        """
+        # a block's mean lowers a line beside the frequency of the demodulation
+        loss = np.sinc(self._size * frequency) / np.sinc(frequency)
+        return coarse / FINE + frequency * station.length, amplitude / loss * station.window_sum
+
+
+class PairEstimator(BlockEstimator):
+    """Estimates both stations' beat frequencies from both stations' samples.
+
+    Each single frequency is as accurate as one station's samples allow. The frequencies combine to the frequency of the
+    product of both sweeps, and the phases to its phase.
+    """
+
+    def __init__(
+        self,
+        first: SweepSettings,
+        second: SweepSettings,
+        settings: EstimatorSettings,
+        iq: bool = False,
+        first_calibration: Calibration | None = None,
+        second_calibration: Calibration | None = None,
+        blocks: range = BLOCKS,
+        chirp_known: bool = True,
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
+
+        Args:
+            first: settings of the station that starts first.
+            second: of the other.
+            settings: of the estimation.
+            iq: quadrature samples.
+            first_calibration: None where unknown; the residual chirp is then estimated.
+            second_calibration: None where unknown.
+            blocks: lengths of a block to choose from [samples]; short ones show faster changes within the sweep.
+            chirp_known: False if the chirp that remains after calibration may be large; it is then estimated.
+
+        Raises:
+            ConfigurationError: the stations do not sweep alike, or leave no frequency to search.
+        """
+        alike = ('mode', 'bandwidth', 'ramp_duration', 'start_delay', 'sample_rate', 'sample_count')
+        for name in alike:
+            if getattr(first, name) != getattr(second, name):
+                raise ConfigurationError(
+                    f'{name} of {first.station} and {second.station} differ: '
+                    f'{getattr(first, name):g} and {getattr(second, name):g}'
+                )
+        if (first.role, second.role) != (Role.FIRST, Role.SECOND):
+            raise ConfigurationError(f'{first.station} and {second.station}: need one first and one second station')
+        chirp_known = chirp_known and None not in (first_calibration, second_calibration)
+        self._sign = first.line_sign() * second.line_sign()
+        stations = (
+            MaximumLikelihoodEstimator(first, settings, iq, first_calibration, second_calibration),
+            MaximumLikelihoodEstimator(second, settings, iq, second_calibration, first_calibration),
+        )
+        super().__init__(stations, (1, self._sign), blocks, chirp_known)
+        self._late = self._time[1][0] - self._time[0][0]
+
+    def __call__(
+        self,
+        first: np.ndarray,
+        second: np.ndarray,
+        full_scale: tuple[np.ndarray | float, np.ndarray | float],
+        spectrum: np.ndarray | None = None,
+    ) -> tuple[Estimates, Estimates]:
+        """Estimate the beat frequencies of each pair of sweeps.
+
+        Args:
+            first: int16 (B, sample_count) of the first station, or (B, 2 sample_count) I, Q, I, Q, ...
+            second: of the second station, the same sweeps.
+            full_scale: ADC code of full scale of each station [LSB], scalars or (B,).
+            spectrum: mask (B,) of the sweeps whose magnitude spectra are wanted; None for no spectra.
+        """
+        scales = [np.broadcast_to(np.asarray(f, float), len(first)) for f in full_scale]
+        rows = max(_CHUNK // self.stations[0].sweep.sample_count, 1)
+        parts: tuple[list, list] = ([], [])
+        for i in range(0, len(first), rows):
+            chunk = slice(i, i + rows)
+            wanted = None if spectrum is None else spectrum[chunk]
+            found = [s.search(x[chunk]) for s, x in zip(self.stations, (first, second), strict=True)]
+            lines = self._refine(*found)
+            for part, station, sweeps, line, scale in zip(parts, self.stations, found, lines, scales, strict=True):
+                part.append(station.conclude(sweeps, *line, scale[chunk], wanted))
+        one, other = (s.collect(p) for s, p in zip(self.stations, parts, strict=True))
+        return one, other
+
+    def _refine(self, *found: Sweeps) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return (frequency [bins], complex amplitude of the windowed line) of each station, each (B,)."""
+        return self._combine(*self._resolve(found))
+
+    def _combine(
+        self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return what `_refine` does, from what `_resolve` found."""
+        combined, value = _tone(self._products(lines)[0], self._time[0], self._size)
+        combined += chirp * self._late  # the second station's blocks come later by part of a sample
+        (one, two), (first, second) = models.frequency, models.amplitude
+        turns = two * self._late + 0.5 * self._sign * chirp * self._late**2
+        value = value * np.exp(2j * np.pi * self._sign * turns)  # in place, a single row would round differently
+        error = 0.5 * (combined - (one - self._sign * two))
+        single = first * (second.conj() if self._sign > 0 else second)
+        slip = 0.5 * np.angle(value * single.conj())
+        shares = np.array([1.0, -self._sign])[:, None]
+        frequency, amplitude = models.frequency + shares * error, models.amplitude * np.exp(1j * shares * slip)
+        return [self._line(*each) for each in zip(self.stations, coarse, frequency, amplitude, strict=True)]
+
+    def _products(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the product in which what both lines share cancels, and the one that has it twice, (B, K) each."""
+        straight, conjugate = lines[0] * lines[1], lines[0] * lines[1].conj()
+        return (conjugate, straight) if self._sign > 0 else (straight, conjugate)
+
+    def _chirp(self, lines: np.ndarray) -> np.ndarray:
+        """Return the chirp that the first station's line still has (B,) [cycles per sample^2], however strong it is."""
+        return _chirp(self._products(lines)[1], self._size, 2)
+
+
+class SingleEstimator(BlockEstimator):
+    """One station's line in blocks: of a station that hears itself, or whose peer's samples are not available."""
+
+    def __init__(
+        self,
+        sweep: SweepSettings,
+        settings: EstimatorSettings,
+        iq: bool = False,
+        own: Calibration | None = None,
+        peer: Calibration | None = None,
+        blocks: range = BLOCKS,
+    ) -> None:
+        """Prepare everything that does not depend on the samples.
+
+        Args:
+            sweep: the station's settings.
+            settings: of the estimation.
+            iq: quadrature samples.
+            own: the station's calibration, None where unknown.
+            peer: the peer's; ignored where the station hears itself.
+            blocks: lengths of a block to choose from [samples].
+
+        Raises:
+            ConfigurationError: the settings leave no window or no frequency to search.
+        """
+        super().__init__((MaximumLikelihoodEstimator(sweep, settings, iq, own, peer),), (1,), blocks, False)
+
+    def _chirp(self, lines: np.ndarray) -> np.ndarray:
+        if self.stations[0].sweep.hears_itself:
+            return np.zeros(
+                len(lines[0])
+            )  # one oscillator has no residual chirp; estimating it would cost phase accuracy
+        return _chirp(lines[0], self._size, 1)
+
+    def _combine(
+        self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [
+            self._line(*each) for each in zip(self.stations, coarse, models.frequency, models.amplitude, strict=True)
+        ]
+
+
+class PartnerlessEstimator(MaximumLikelihoodEstimator, name='pair'):
+    """Both stations' sweeps together (`PairEstimator`); this, maximum likelihood, for a sweep without its partner."""
+
+
+def _chirp(blocks: np.ndarray, size: int, multiple: int) -> np.ndarray:
+    """Return the chirp of which `blocks` (B, K) of `size` samples have a multiple (B,) [cycles per sample^2]."""
+    lag = blocks.shape[1] // 2
+    beat = blocks[:, lag:] * blocks[:, :-lag].conj()
+    step = (beat[:, 1:] * beat[:, :-1].conj()).astype(complex).sum(axis=1)
+    return np.angle(step) / (2.0 * np.pi * multiple * lag * size**2)
+
+
+def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return exp(2j pi rate time), complex64 (..., K), of rates (...) [cycles per unit] and times (..., K)."""
+    angle = (2.0 * np.pi * (rate[..., None] * time)).astype(np.float32)
+    result = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=result.real)
+    np.sin(angle, out=result.imag)
+    return result
+
+
+def _tone(blocks: np.ndarray, time: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (frequency [cycles per sample], complex amplitude at time 0) of the strongest tone of each row (...).
+
+    Args:
+        blocks: (..., K), one value each `size` samples.
+        time: of the blocks (..., K) [samples].
+        size: of a block [samples].
+    """
+    length = scipy.fft.next_fast_len(_PADDING * blocks.shape[-1])
+    spectrum = scipy.fft.fft(blocks, length)
+    peak = (spectrum.real**2 + spectrum.imag**2).argmax(axis=-1)
+    frequency = scipy.fft.fftfreq(length, size)[peak]
+    spread = 2.0 * np.pi * time.var(axis=-1)
+    for step in range(_STEPS + 1):
+        still = blocks * _rotation(-frequency, time)
+        value = still.astype(complex).mean(axis=-1)  # a mean that converts depends on the rows around
+        if step < _STEPS:
+            slope = (still * time).mean(axis=-1) / np.where(value == 0.0, TINY, value)
+            frequency = frequency + slope.imag / spread
+    return frequency, value
+
+
+@functools.lru_cache(maxsize=32)
+def pair_estimator(
+    first: SweepSettings,
+    second: SweepSettings,
+    settings: EstimatorSettings,
+    iq: bool = False,
+    first_calibration: Calibration | None = None,
+    second_calibration: Calibration | None = None,
+) -> PairEstimator:
+    """Return the estimator of a pair, prepared for one setting; arguments as for `PairEstimator`."""
+    return PairEstimator(first, second, settings, iq, first_calibration, second_calibration)

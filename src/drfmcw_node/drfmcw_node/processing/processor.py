@@ -1,0 +1,224 @@
+"""Sweeps in, beat frequencies out: settings and calibrations looked up by stamp, work shared over the batch.
+
+The station node and the offline replay call this same class. Every look-up uses the sweep's stamp and every estimate is
+independent of the batch, so both give bit-identical numbers.
+"""
+
+import collections
+import contextlib
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drfmcw_physics.history import History
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import SweepSettings
+
+from ..estimators.estimation import Estimates, Estimator, EstimatorSettings, Flag
+from ..estimators.registry import estimator
+from .records import Beat, Spectrum, Sweep
+
+
+class StationProcessor:
+    """Turns sweeps of any stations into beat frequencies."""
+
+    def __init__(self, settings: EstimatorSettings | None = None) -> None:
+        """Start without settings of the sweep and without calibrations."""
+        self._settings = settings or EstimatorSettings()
+        self._sweep_settings: dict[tuple[str, str], History[SweepSettings]] = collections.defaultdict(History)
+        self._calibrations: dict[str, History[Calibration]] = collections.defaultdict(History)
+        self._estimators: dict[tuple, Estimator | str] = {}
+        self.sweeps = 0
+        """Sweeps given since start."""
+        self.weak = 0
+        """Sweeps whose line was too weak, since start."""
+        self.dropped: collections.Counter[str] = collections.Counter()
+        """Number of sweeps without any result, by reason, since start."""
+
+    @property
+    def settings(self) -> EstimatorSettings:
+        """Settings of the estimation; a new value holds from the next batch on."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, value: EstimatorSettings) -> None:
+        self._settings = value
+        self._forget_estimators()
+
+    def add_sweep_config(self, settings: SweepSettings) -> None:
+        """Add settings of a station and its peer, valid from their stamp on."""
+        self._sweep_settings[settings.station, settings.peer].add(settings.stamp, settings)
+        self._forget_estimators()
+        self._prepare(settings)
+
+    def add_calibration(self, calibration: Calibration) -> None:
+        """Add a station's calibration, valid from its stamp on."""
+        self._calibrations[calibration.station].add(calibration.stamp, calibration)
+        self._forget_estimators()
+        for pair, history in self._sweep_settings.items():
+            if calibration.station in pair:
+                self._prepare(history.latest())
+
+    def _forget_estimators(self) -> None:
+        """Forget the prepared estimators, because settings or calibrations changed."""
+        self._estimators.clear()
+
+    def _prepare(self, settings: SweepSettings) -> None:
+        """Make the estimator of the newest settings now (tens of ms), so that the first sweep need not wait for it."""
+        histories = [self._calibrations.get(s) for s in (settings.station, settings.peer)]
+        own, peer = (None if history is None else history.latest() for history in histories)
+        if own is not None and peer is not None:
+            with contextlib.suppress(ConfigurationError):  # reported when a sweep comes that needs it
+                estimator(settings, self._settings, False, own, peer)
+
+    def has_settings(self, sweep: Sweep) -> bool:
+        """Return True where the settings and calibrations that a sweep needs have arrived."""
+        histories = (
+            self._sweep_settings.get((sweep.station, sweep.peer)),
+            self._calibrations.get(sweep.station),
+            self._calibrations.get(sweep.peer),
+        )
+        return all(history is not None and history.at(sweep.stamp) is not None for history in histories)
+
+    def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
+        """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
+        return self._process(sweeps, 0)[0]
+
+    def process_with_spectra(self, sweeps: Sequence[Sweep], every: int = 1) -> tuple[list[Beat], list[Spectrum]]:
+        """Return the beat frequencies, and the magnitude spectra of sweeps whose number is a multiple of `every`."""
+        return self._process(sweeps, every)
+
+    def _process(self, sweeps: Sequence[Sweep], every: int) -> tuple[list[Beat], list[Spectrum]]:
+        groups: dict[int, tuple[Estimator, list[int], list[np.ndarray]]] = {}
+        for index, sweep in enumerate(sweeps):
+            chosen = self._estimator(sweep)
+            samples = np.asarray(sweep.samples)
+            if isinstance(chosen, str):
+                self.dropped[chosen] += 1
+                continue
+            reason = refusal(sweep, samples, chosen.sweep.sample_count)
+            if reason:
+                self.dropped[reason] += 1
+                continue
+            _, indices, rows = groups.setdefault(id(chosen), (chosen, [], []))
+            indices.append(index)
+            rows.append(samples)
+        self.sweeps += len(sweeps)
+        beats: list[Beat | None] = [None] * len(sweeps)
+        spectra: list[Spectrum | None] = [None] * len(sweeps)
+        for chosen, indices, rows in groups.values():
+            group = [sweeps[i] for i in indices]
+            wanted = wanted_spectra(group, every)
+            result = chosen(np.stack(rows), np.array([s.full_scale for s in group]), wanted)
+            of_group = self._results(group, result, wanted)
+            for index, beat, spectrum in zip(indices, *of_group, strict=True):
+                beats[index], spectra[index] = beat, spectrum
+        return [b for b in beats if b is not None], [s for s in spectra if s is not None]
+
+    def _results(
+        self, sweeps: Sequence[Sweep], result: Estimates, wanted: np.ndarray | None
+    ) -> tuple[list[Beat], list[Spectrum | None]]:
+        """Return the results of sweeps evaluated together, None for a spectrum not wanted; counts weak lines."""
+        spectra: list[Spectrum | None] = [None] * len(sweeps)
+        if wanted is not None and result.spectrum is not None:
+            window = self._settings.window
+            for row, magnitude in zip(np.flatnonzero(wanted).tolist(), result.spectrum, strict=True):
+                spectra[row] = _spectrum(sweeps[row], window, result, magnitude)
+        self.weak += int(np.count_nonzero(result.flags & np.uint8(Flag.WEAK_SIGNAL)))
+        return _beats(sweeps, result), spectra
+
+    def _conditions(self, sweep: Sweep) -> tuple[SweepSettings, Calibration, Calibration] | str:
+        """Return the sweep's settings, its station's and its peer's calibration, or why one is missing."""
+        settings = _holding(self._sweep_settings.get((sweep.station, sweep.peer)), sweep.stamp)
+        if settings is None:
+            return f'no sweep settings of {sweep.station} for {sweep.peer} from before the sweep'
+        calibrations = []
+        for station in (sweep.station, sweep.peer):
+            calibration = _holding(self._calibrations.get(station), sweep.stamp)
+            if calibration is None:
+                return f'no calibration of {station} from before the sweep'
+            calibrations.append(calibration)
+        return settings, *calibrations
+
+    def _estimator(self, sweep: Sweep) -> Estimator | str:
+        """Return the estimator for the sweep's settings and calibrations, or why there is none."""
+        conditions = self._conditions(sweep)
+        if isinstance(conditions, str):
+            return conditions
+        settings, own, peer = conditions
+        key = (id(settings), id(own), id(peer), sweep.iq)
+        chosen = self._estimators.get(key)
+        if chosen is None:
+            try:
+                chosen = estimator(settings, self._settings, sweep.iq, own, peer)
+            except ConfigurationError as error:
+                chosen = str(error)
+            self._estimators[key] = chosen
+        return chosen
+
+
+def _holding(history: History | None, stamp: int) -> Any:
+    """Return the value that holds at `stamp`, None where none does."""
+    found = history.at(stamp) if history is not None else None
+    return None if found is None else found[1]
+
+
+def wanted_spectra(sweeps: Sequence[Sweep], every: int) -> np.ndarray | None:
+    """Return which sweeps' spectra are wanted: numbers that are multiples of `every`; None for none of them."""
+    if every <= 0:
+        return None
+    wanted = np.array([s.sweep_id % every == 0 for s in sweeps])
+    return wanted if wanted.any() else None
+
+
+def refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
+    """Return why a sweep cannot be evaluated, '' where it can."""
+    expected = sample_count * (2 if sweep.iq else 1)
+    if samples.ndim != 1 or samples.dtype != np.int16:
+        return f'samples of {sweep.station} are not a row of int16'
+    if len(samples) != expected:
+        kind = 'I/Q ' if sweep.iq else ''
+        return f'{len(samples)} samples of {sweep.station}, but {expected} {kind}follow from its settings'
+    if not (math.isfinite(sweep.full_scale) and sweep.full_scale > 0.0):
+        return f'full_scale = {sweep.full_scale:g} of {sweep.station} is not a positive number'
+    return ''
+
+
+def _beats(sweeps: Sequence[Sweep], result: Estimates) -> list[Beat]:
+    names = ('flags', 'frequency', 'frequency_std', 'phase', 'power', 'snr', 'independent_std')
+    columns = [getattr(result, name).tolist() for name in names]
+    return [
+        Beat(
+            s.station,
+            s.peer,
+            s.sweep_id,
+            flags,
+            frequency,
+            std,
+            phase,
+            power,
+            snr,
+            s.stamp,
+            s.frame_id,
+            alone,
+            result.window,
+        )
+        for s, flags, frequency, std, phase, power, snr, alone in zip(sweeps, *columns, strict=True)
+    ]
+
+
+def _spectrum(sweep: Sweep, window: str, result: Estimates, magnitude: np.ndarray) -> Spectrum:
+    return Spectrum(
+        sweep.station,
+        sweep.peer,
+        sweep.sweep_id,
+        window,
+        result.spectrum_start,
+        result.spectrum_step,
+        magnitude,
+        sweep.stamp,
+        sweep.frame_id,
+    )

@@ -1,0 +1,219 @@
+"""What stands for the hardware where no other process does: runs a source, publishes settings, calibration, status."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from drfmcw_msgs.msg import BeatFrequency, StationCalibration, StationStatus, SweepConfig
+from rclpy.publisher import Publisher
+
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import SweepSettings
+from drfmcw_ros import qos
+from drfmcw_ros.messages import to_message
+from drfmcw_ros.parameters import SettingsParameters
+
+from .processing.records import Sweep
+from .sources.feed import Frame, Request
+from .sources.source import Source
+from .station_settings import Housekeeping, StationNames, StationSettings
+from .sweep_node import SweepNode
+
+
+class SweepOwner:
+    """Owns the sweep of a station whose source brings its settings along (a recording)."""
+
+    def __init__(
+        self,
+        node: SweepNode,
+        names: StationNames,
+        settings: SettingsParameters[StationSettings],
+        process: Callable[[list[Sweep]], None],
+        source: type[Source],
+        source_settings: Any,
+    ) -> None:
+        """Create the publishers and open the source.
+
+        Args:
+            node: to which topics, timers, lock and processor belong.
+            names: of the station and its topics.
+            settings: of the station node.
+            process: evaluates a batch of sweeps; called with the node's lock held, in the source's thread.
+            source: class of the source.
+            source_settings: of the source.
+
+        Raises:
+            ConfigurationError: the source cannot be opened.
+        """
+        self._node, self._names, self._settings, self._process = node, names, settings, process
+        self._announced: dict[str, SweepSettings] = {}  # by peer
+        self._config_publishers: dict[str, Publisher] = {}  # by peer
+        self._calibrated = False
+        self._frame: Frame | None = None
+        self._heard = 0  # results of peers, which show that the peers hear this station
+        self._last_status = (0, 0)
+        self._calibrations = qos.publisher(node, StationCalibration, names.own('calibration'), qos.LATCHED)
+        self._status = qos.publisher(node, StationStatus, names.own('status'), qos.RELIABLE)
+        node.create_timer(1.0, self._publish_status)
+        self.source = source(names.station, source_settings, deliver=self._take, failed=self._source_failed)
+        """Where the sweeps come from; it runs from `start` to `stop`."""
+
+    def start(self) -> None:
+        """Start the source."""
+        self.source.start()
+
+    def stop(self) -> None:
+        """End the source's thread and wait for it."""
+        self.source.stop()
+
+    # --- settings and calibrations ---
+
+    def _announce(self, settings: SweepSettings) -> None:
+        """Publish settings and use them from their stamp on; stamp 0 means from now on."""
+        peer = settings.peer
+        first = peer not in self._config_publishers
+        if first:
+            self._config_publishers[peer] = qos.publisher(
+                self._node, SweepConfig, self._names.own('sweep_config'), qos.LATCHED, instance=_identifier(peer)
+            )
+        if settings.stamp == 0 and not first:
+            settings = dataclasses.replace(settings, stamp=self._node.now())
+        settings = dataclasses.replace(settings, frame_id=self._frame_id(settings.frame_id))
+        self._announced[peer] = settings
+        self._node.processor.add_sweep_config(settings)
+        self._config_publishers[peer].publish(to_message(settings, SweepConfig))
+
+    def _announce_calibration(self, calibration: Calibration) -> None:
+        """Use a calibration from its stamp on, 0 for from now on, and publish it if it is this station's."""
+        if calibration.station == self._names.station:
+            # the first one holds for all sweeps, whatever clock the digitiser stamps them with
+            if self._calibrated and calibration.stamp == 0:
+                calibration = dataclasses.replace(calibration, stamp=self._node.now())
+            self._calibrated = True
+            calibration = dataclasses.replace(calibration, frame_id=self._frame_id(calibration.frame_id))
+            self._calibrations.publish(to_message(calibration, StationCalibration))
+        with self._node.lock:
+            self._node.processor.add_calibration(calibration)
+
+    # --- sweeps ---
+
+    def _take(self, items: Sequence[Any]) -> None:
+        """Take what the source delivers, in the source's thread; settings hold for the sweeps that follow them."""
+        with self._node.lock:
+            sweeps: list[Sweep] = []
+            for item in items:
+                if isinstance(item, Frame):
+                    sweeps.append(self._sweep_of(item))
+                elif isinstance(item, Sweep):
+                    sweeps.append(item)
+                else:
+                    self._process(sweeps)
+                    sweeps = []
+                    if isinstance(item, SweepSettings):
+                        self._announce(item)
+                    else:
+                        self._announce_calibration(item)
+            self._process(sweeps)
+
+    def _sweep_of(self, frame: Frame) -> Sweep:
+        """Return a frame as a sweep; a source that brings its settings along delivers none."""
+        raise TypeError(f'source {self.source.name} delivers frames, so it must not set brings_settings')
+
+    def _source_failed(self, error: Exception) -> None:
+        self._node.get_logger().error(f'source: {" ".join(str(error).split()) or type(error).__name__}')
+
+    # --- once a second ---
+
+    def _publish_status(self) -> None:
+        with self._node.lock:
+            processor, frame = self._node.processor, self._frame
+            expected, arrived = processor.sweeps - self._last_status[0], self._heard - self._last_status[1]
+            self._last_status = (processor.sweeps, self._heard)
+            status = Housekeeping(
+                station=self._names.station,
+                sweeps=processor.sweeps,
+                dropped=processor.dropped.total() + processor.weak,
+                link_quality=min(arrived / expected, 1.0) if expected else 0.0,
+                temperature=frame.temperature if frame is not None else math.nan,
+                pll_locked=frame is None or frame.pll_locked,
+                stamp=self._node.now(),
+                frame_id=self._frame_id(''),
+            )
+        self._status.publish(to_message(status, StationStatus))
+
+    def _frame_id(self, given: str) -> str:
+        return self._settings.value.antenna_frame(self._names.station, given)
+
+
+class FeedOwner(SweepOwner):
+    """Owns the sweep of a digitiser that feeds the node: settings are parameters, and requests reach the digitiser."""
+
+    def __init__(
+        self,
+        node: SweepNode,
+        names: StationNames,
+        settings: SettingsParameters[StationSettings],
+        process: Callable[[list[Sweep]], None],
+        source: type[Source],
+        source_settings: Any,
+    ) -> None:
+        """Declare the parameters of sweep and calibration, and announce their values; arguments as for `SweepOwner`."""
+        super().__init__(node, names, settings, process, source, source_settings)
+        sweep = SettingsParameters(node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep)
+        calibration = SettingsParameters(
+            node, Calibration, Calibration(names.station), 'calibration', self._change_calibration
+        )
+        self._change_calibration(calibration.value)
+        self._change_sweep(sweep.value)
+        peers = settings.value.peers
+        for peer in peers:
+            if peer != names.station:
+                qos.subscription(node, BeatFrequency, names.of_peer(peer, 'beat_frequency'), self._hear, qos.RELIABLE)
+        requests = qos.latched_subscription(len(peers))
+        qos.subscription(node, SweepConfig, names.own('sweep_request'), self._take_request, requests)
+        if self.source.address():
+            node.get_logger().info(f'listening for sweeps at {self.source.address()}')
+
+    def _change_sweep(self, settings: SweepSettings) -> None:
+        """Announce settings that were set by parameter."""
+        with self._node.lock:
+            for peer in self._settings.value.peers:
+                self._announce(dataclasses.replace(settings, peer=peer, stamp=0))
+
+    def _change_calibration(self, calibration: Calibration) -> None:
+        """Announce a calibration that was set by parameter."""
+        self._announce_calibration(dataclasses.replace(calibration, stamp=0))
+
+    def _take_request(self, message: SweepConfig) -> None:
+        """Pass the wish for another mode to the hardware; the frames show what the hardware then does."""
+        current = self._announced.get(message.peer)
+        if current is None or (current.mode, current.start_delay) == (message.mode, message.start_delay):
+            return
+        if not self.source.request(Request(message.mode, message.start_delay, message.peer)):
+            self._node.warn('sweep_request: the source cannot pass it to the digitiser')
+
+    def _hear(self, message: BeatFrequency) -> None:
+        if message.peer == self._names.station:
+            self._heard += 1
+
+    def _sweep_of(self, frame: Frame) -> Sweep:
+        """Return a digitiser's frame as a sweep; settings that the digitiser changed are announced first."""
+        self._frame = frame
+        peer = frame.peer or self._settings.value.peers[0]
+        stamp = frame.stamp or self._node.now()
+        current = self._announced.get(peer)
+        if current is not None:
+            delay = current.start_delay if math.isnan(frame.start_delay) else frame.start_delay
+            if (current.mode, current.start_delay) != (frame.mode, delay):
+                try:
+                    self._announce(dataclasses.replace(current, mode=frame.mode, start_delay=delay, stamp=stamp))
+                except ConfigurationError as error:
+                    self._node.warn(f'frame of sweep {frame.sweep_id}: {error}')
+        return frame.sweep(self._names.station, peer, stamp, '')
+
+
+def _identifier(name: str) -> str:
+    """Return `name` as part of a parameter's name."""
+    return ''.join(c if c.isalnum() or c == '_' else '_' for c in name)

@@ -1,0 +1,212 @@
+"""Search for effects: what an explanation may follow, effects that nearly cancel, movement."""
+
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.features.extractor import BURST
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.bank import Candidate
+from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
+from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_diagnosis.search.rivals import rivals, widened
+from drfmcw_diagnosis.search.search import Search
+from drfmcw_diagnosis.search.selection import searched
+from drfmcw_proof.cases.concealing import Applied, conceal
+from drfmcw_proof.cases.decoys import DECOYS
+from drfmcw_proof.cases.draws import Extent, random_condition
+from drfmcw_proof.generator.model import nominal
+from drfmcw_proof.generator.recordings import write_recording
+from drfmcw_sim.effects import Effect
+
+OF_THE_RANGE = {'delay_offset', 'sample_clock_offset', 'delay_temperature', 'reference_offset'}
+
+
+def compared(path, seed, *effects, settings=7, sweeps=12):
+    """A comparison of a recording that conceals effects."""
+    condition = random_condition(np.random.default_rng(seed), Extent(settings, sweeps))
+    write_recording(conceal(nominal(condition), effects), path)
+    return Comparison(read_dataset(path))
+
+
+def chi_square(comparison, kind, *effects):
+    """Squared whitened residual per number of one kind beside effects."""
+    rest = comparison.residual - comparison.template(effects)
+    chosen = comparison.entries.where(kind=kind) & (comparison.residual != 0.0)
+    return float(np.mean(rest[chosen] ** 2))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_what_parameters_follow_and_what_is_left_are_orthogonal(seed, parameters):
+    random = np.random.default_rng(seed)
+    slopes, values = random.standard_normal((parameters, 50)), random.standard_normal((3, 50))
+    freedom = Freedom(slopes)
+    left = freedom.left(values)
+    np.testing.assert_allclose(left @ slopes.T, 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.sum(values**2, axis=1), np.sum(left**2, axis=1) + freedom.followed(values))
+
+
+def test_two_effects_that_nearly_cancel_are_found_together(tmp_path):
+    """Alone neither explains half of what both leave; the clock's error is 90 sigma, what both leave 60.
+
+    Searched among what acts on the range alone. The data do not tell an offset of the delay from one of the reference.
+    """
+    truth = {'delay': 0.2, 'offset': -0.2 * 0.2998, 'deviation': 60.0}
+    both = (
+        Applied('delay_offset', None, {'delay': truth['delay']}),
+        Applied('sample_clock_offset', 'master', {'deviation': truth['deviation']}),
+    )
+    comparison = compared(tmp_path / 'r', 31, *both, settings=14, sweeps=12)
+    found = searched(Search(comparison, without=set(Effect.registry) - OF_THE_RANGE), 0.01).explanation
+    names = {e.key for e in found.effects}
+    assert ('sample_clock_offset', 'master') in names and len(names) == 2
+    assert names & {('delay_offset', ''), ('reference_offset', '')}
+    for effect in found.effects:
+        for name, value in effect.values.items():
+            assert abs(value - truth[name]) < 4.0 * effect.stds[name]
+
+
+def test_a_crane_that_creeps_moves_within_its_place(tmp_path):
+    """Slower than the reference shows within a place; the carrier phase counts it to tens of micrometres."""
+    velocity = (0.012, -0.006, 0.009, 0.005, -0.011, 0.004, -0.008)
+    comparison = compared(tmp_path / 'r', 32, Applied('target_motion', None, {'velocity': velocity}))
+    assert comparison.standing.all()
+    assert chi_square(comparison, 'movement') > 1e3
+    assert chi_square(comparison, 'movement', Effect.registry['target_motion'](velocity=velocity)) < 2.0
+
+
+def test_a_drives_sway_shows_in_its_range(tmp_path):
+    """From sweep to sweep a drive passes many wavelengths: what it does beyond the reference is told by the range."""
+    velocity = (1.1, -0.7, 0.9, 0.6, -1.2, 0.8, -0.9)
+    motion = Applied('target_motion', None, {'velocity': velocity})
+    sway = Applied('sway', None, {'amplitude': 0.08, 'frequency': 0.7, 'phase': 0.0})
+    comparison = compared(tmp_path / 'r', 33, motion, sway)
+    assert not comparison.standing.any()
+    assert chi_square(comparison, 'movement') > 4.0
+    effects = (
+        Effect.registry['target_motion'](velocity=velocity),
+        Effect.registry['sway'](amplitude=0.08, frequency=0.7, phase=0.0),
+    )
+    # 84 numbers, 5 standard deviations: false failure below 1e-6
+    assert chi_square(comparison, 'movement', *effects) < 1.0 + 5.0 * np.sqrt(2.0 / 84)
+
+
+def test_two_echoes_are_two(tmp_path):
+    """Of 50 sigma each, 6 m apart: each excess range to its deviation, by the delay and not by the carrier's phase."""
+    truth = {4.2: -48.0, 10.1: -49.0}
+    echoes = [
+        Applied('echo', None, {'excess_range': excess, 'relative_power': power, 'phase': 1.0})
+        for excess, power in truth.items()
+    ]
+    comparison = compared(tmp_path / 'r', 34, *echoes)
+    others = set(Effect.registry) - {'echo', 'ground_reflection', 'sweep_ripple', 'pll_settling'}
+    found = searched(Search(comparison, without=others), 0.01).explanation
+    assert [e.key for e in found.effects] == [('echo', '')] * 2
+    for effect in found.effects:
+        value, std = effect.told['excess_range']
+        excess = min(truth, key=lambda e: abs(e - value))
+        # 4 values, 4.5 standard deviations: false failure below 1e-4
+        assert abs(value - excess) < 4.5 * std and std < 0.1
+        assert abs(effect.values['relative_power'] - truth[excess]) < 4.5 * effect.stds['relative_power']
+    assert len({round(e.told['excess_range'][0]) for e in found.effects}) == 2
+
+
+def test_a_reflection_follows_the_true_distance_and_not_the_reference(tmp_path):
+    """An error of 0.1 m of the reference turns the second ray by 0.4 rad where the target is near."""
+    reflection, offset = {'height_product': 50.0, 'coefficient': 0.02}, {'offset': 0.1}
+    comparison = compared(
+        tmp_path / 'r', 35, Applied('ground_reflection', None, reflection), Applied('reference_offset', None, offset)
+    )
+    effects = Effect.registry['ground_reflection'](**reflection), Effect.registry['reference_offset'](**offset)
+    numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
+    # 5 standard deviations of some 3000 numbers and 2 % of the deviations told by scatter: false failure below 1e-6
+    assert chi_square(comparison, 'ramp', *effects) < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
+    assert chi_square(comparison, 'ramp', effects[0]) > 1.2
+
+
+def test_what_is_told_of_neither_of_two_effects_makes_four_explanations(tmp_path):
+    """Whose reference is off and whose path is longer: the data tell neither."""
+    both = (
+        Applied('reference_clock_offset', 'slave', {'deviation': -0.3}),
+        Applied('reference_offset', None, {'offset': -0.04}),
+    )
+    known = {'reference_clock_offset', 'reference_offset', 'delay_offset'}
+    search = Search(compared(tmp_path / 'r', 36, *both), without=set(Effect.registry) - known)
+    result = searched(search, 0.01)
+    explanations = {f.keys for f in [result.explanation, *rivals(search, result.explanation, result.exchanged)]}
+    assert explanations == {
+        tuple(sorted([('reference_clock_offset', station), (effect, '')]))
+        for station in ('master', 'slave')
+        for effect in ('reference_offset', 'delay_offset')
+    }
+
+
+def _place(misfit, step, std):
+    """An explanation by one settling."""
+    recipe, values = Effect.registry['pll_settling'].recipes[0], {'step': step}
+    effect = FittedEffect(Candidate('pll_settling', 'master', recipe, values), values, {'step': std})
+    return Fitted((effect,), misfit, np.zeros(3), 0.0)
+
+
+@given(st.floats(0.0, 40.0), st.floats(-20.0, 20.0))
+def test_a_second_place_that_fits_as_well_widens_what_is_told(behind, apart):
+    """Mean squares about the best fit, each place by its likelihood: one that is far behind counts for nothing."""
+    best, other = _place(100.0, 5.0, 1.0), _place(100.0 + behind, 5.0 + apart, 1.0)
+    value, std = widened(best, [other]).effects[0].told['step']
+    share = np.exp(-behind / 2.0)
+    assert value == 5.0
+    assert std == pytest.approx(np.sqrt(1.0 + share / (1.0 + share) * apart**2))
+    assert widened(best, []) is best
+
+
+def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
+    """No span of most sweeps holds twice the usual power; what they do to the spread of powers tells them."""
+    burst = {'probability': 0.3, 'level': -60.0, 'duration': 1.2e-4}
+    comparison = compared(tmp_path / 'r', 38, Applied('interference_burst', 'slave', burst), settings=14, sweeps=24)
+    loud = [np.any(s.quiet[:, 1] > BURST * np.median(s.quiet[:, 1]), axis=1) for s in comparison.sweeps]
+    assert np.mean(np.concatenate(loud)) < 0.5 * burst['probability']
+    known = {'interference_burst', 'noise_floor'}
+    found = searched(Search(comparison, without=set(Effect.registry) - known), 0.01).explanation
+    assert [e.key for e in found.effects] == [('interference_burst', 'slave')]
+
+
+def test_what_clipping_does_to_strong_sweeps_is_no_burst(tmp_path):
+    """The limit is reached at the nearest place alone, by the stronger sweeps more than by the others."""
+    clipping = Applied('clipping', 'master', {'level': -25.0})
+    comparison = compared(tmp_path / 'r', 39, clipping, settings=14, sweeps=24)
+    search = Search(comparison, without=set(Effect.registry) - {'clipping', 'interference_burst', 'noise_floor'})
+    found = searched(search, 0.01).explanation
+    assert [e.key for e in found.effects] == [('clipping', 'master')]
+    assert leftovers(search, found)[0].probability > 1e-3  # false failure 0.1 %, the seed is fixed
+    (effect,) = found.effects
+    assert abs(effect.values['level'] + 25.0) < 0.2
+
+
+def test_few_sweeps_make_no_mismatch(tmp_path):
+    """Six sweeps a place tell their own scatter badly; what is compared by it is noise all the same."""
+    squares = {'mean': [], 'harmonic': [], 'coherence': [], 'burst': []}
+    for seed in range(40, 48):
+        comparison = compared(tmp_path / f'r{seed}', seed, settings=14, sweeps=6)
+        assert leftovers(Fitting(comparison), None)[0].probability > 1e-3  # 8 times: false failure 1 %, seeds are fixed
+        for kind, found in squares.items():
+            z = comparison.residual[comparison.entries.where(kind=kind)]
+            found.append(z[z != 0.0])
+    for kind, found in squares.items():
+        z = np.concatenate(found)
+        # variance of squares of Student's distribution with 5 degrees of freedom is four times that of normal ones;
+        # 5 standard deviations: false failure below 1e-5
+        assert np.mean(z**2) < 1.05 + 5.0 * np.sqrt(4.0 * 2.0 / len(z)), kind
+
+
+def test_a_line_beyond_nyquist_is_left_out(tmp_path):
+    """References 40 ppm apart as calibrated put lines where they fold back: the other sweeps hold nothing amiss."""
+    condition, _ = DECOYS['calibrated alphas far apart'](np.random.default_rng(37), Extent(14, 8))
+    write_recording(nominal(condition), tmp_path / 'r')
+    comparison = Comparison(read_dataset(tmp_path / 'r'))
+    assert 6 <= len(comparison.members) < 14
+    numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
+    # as above
+    assert chi_square(comparison, 'ramp') < 1.02 + 5.0 * np.sqrt(2.0 / numbers)

@@ -1,0 +1,74 @@
+"""How to search a recording for an effect: plain data that the effect declares and the diagnosis reads."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+WAVE = 0.0517
+"""Wavelength of the carrier for which recipes are written [m], that of Table 1; see `Recipe.at`."""
+
+_SAME_WAVE = 0.01  # relative difference up to which a wavelength counts as WAVE
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """How to search for one effect.
+
+    A search starts at each point of `grid`, or where the scanner `scan` finds that the data suggest the effect. It then
+    scales the effect's template by `size`, and refines every parameter in `prior`. All parameters go by their declared
+    names.
+    """
+
+    # parameters
+    size: str  # the parameter in proportion to which the effect grows; '' where there is none
+    start: Mapping[str, float]  # where the fit begins, of parameters that neither grid nor scanner gives
+    prior: Mapping[str, float]  # plausible magnitude of every fitted parameter: the fit pays for freedom by it
+    grid: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
+    defining: tuple[str, ...] = ()  # where one of these is zero, it is another effect
+    decibel: bool = False  # the size is in decibels
+    quadrature: tuple[str, float] = ('', 0.0)  # parameter, and the step of it that turns the phase by a quarter
+    turn: tuple[str, float] = ('', 0.0)  # parameter, and its period by the carrier's phase, which reflection may shift
+    per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
+    within_recording: tuple[str, ...] = ()  # times [s] that count only up to the recording's length
+    each_sweep: str = ''  # probability of the effect in a sweep, of which a recording holds one outcome
+    steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
+
+    # scan
+    scan: str = ''  # scanner of the diagnosis that finds starting points: see drfmcw_diagnosis.search.scanners
+    scanned: str = ''  # parameter that the scanner finds
+    scanned_with: tuple[str, ...] = ()  # further parameters that it finds
+    cells: int = 1  # independent starting points among which a scan chooses: what chance is counted over
+    tries: tuple[float, ...] = ()  # values of the scanned parameter, for a scanner that only says where to try
+    repeats: bool = False  # several may act at once, a resolution cell of the scanner apart
+
+    # stations and calibration
+    together: bool = False  # search at both stations together too, not only at each
+    added_to: Mapping[str, str] = dataclasses.field(default_factory=dict)  # {parameter: field of Calibration}
+    times: Mapping[str, str] = dataclasses.field(default_factory=dict)  # as `added_to`, where the start is a factor
+
+    # what recordings show of it, and how exactly
+    fringes: bool = False  # it raises and lowers the received power with the distance
+    needs_reference: bool = False  # it shows only against a reference that measures another distance
+    trust: Mapping[str, float] = dataclasses.field(default_factory=dict)  # limit of the model: [dB], or relative
+    incoherence: Mapping[str, float] = dataclasses.field(default_factory=dict)  # per unit, doubt of the coherence
+
+    def at(self, wavelength: float) -> 'Recipe':
+        """Return the recipe for another wavelength of the carrier [m]."""
+        ratio = wavelength / WAVE
+        if not self.turn[0] or abs(ratio - 1.0) < _SAME_WAVE:
+            return self
+        quadrature, turn = ((name, value * ratio) for name, value in (self.quadrature, self.turn))
+        return dataclasses.replace(self, quadrature=quadrature, turn=turn)
+
+    def step(self, name: str, value: float) -> float:
+        """Return the step of a numerical derivative at `value`."""
+        name = name.partition('[')[0]
+        if name in self.steps:
+            return self.steps[name]
+        return max(0.01 * abs(value), 0.01 * abs(self.start.get(name, 1e-3 * self.prior[name])))
+
+
+def geometric(low: float, high: float, count: int) -> tuple[float, ...]:
+    """Return `count` values from `low` to `high` in equal ratios."""
+    return tuple(np.geomspace(low, high, count).tolist())

@@ -1,0 +1,47 @@
+"""What an effect declares about itself, so that nobody else has to know its name."""
+
+import enum
+
+
+class Of(enum.StrEnum):
+    """What one instance of an effect belongs to."""
+
+    STATION = 'station'
+    PATH = 'path'
+    REFERENCE = 'reference'
+
+
+class ActsOn(enum.Flag):
+    """Quantities of the signal model that an effect changes."""
+
+    CLOCK = enum.auto()
+    PHASE = enum.auto()
+    DELAY = enum.auto()
+    AMPLITUDE = enum.auto()
+    NOISE = enum.auto()
+    SAMPLES = enum.auto()
+    REFERENCE = enum.auto()
+
+    @property
+    def words(self) -> str:
+        """The quantities, separated by commas."""
+        return ', '.join(str(quantity.name).lower() for quantity in self)
+
+
+class Stage(enum.IntEnum):
+    """Order in which effects act, whatever the order in a scenario: the way of the signal."""
+
+    STATE = 0  # clocks, air, motion, powers, and what is added to the IF
+    GEOMETRY = 1  # what the antennas' heights make of distance and motion
+    PATHS = 2  # more paths and losses, which follow the final distance
+    FILTER = 3
+    AMPLIFIER = 4
+    LIMITER = 5
+
+
+class Motion(enum.Enum):
+    """How an effect moves the crane."""
+
+    NONE = enum.auto()
+    DRIVE = enum.auto()  # evenly, which the slope of the reference's readings shows
+    SWAY = enum.auto()  # to and fro within the sweeps at one distance, which the reference does not show

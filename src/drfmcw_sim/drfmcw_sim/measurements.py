@@ -1,0 +1,107 @@
+"""True state of stations and paths in a batch of measurements: what effects change, and IF signals are made from."""
+
+import dataclasses
+
+import numpy as np
+
+from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.sweep import SweepSettings
+
+
+@dataclasses.dataclass
+class Station:
+    """True state of one station in a batch of n measurements; effects may change the arrays."""
+
+    sweep: SweepSettings
+    alpha: np.ndarray  # [n] reference / nominal
+    sample_clock: np.ndarray  # [n] ADC clock / nominal
+    received_power: np.ndarray  # [n] of the direct path at the antenna port [dBm]
+    noise_density: np.ndarray  # [n] at the antenna port [dBm/Hz]
+    phase_noise: PhaseNoise | None
+    temperature: np.ndarray  # [n] board [degC]
+    calibration_temperature: float = 25.0  # [degC]
+    full_scale: float = 8192.0  # [LSB]
+    iq: bool = False
+
+    @property
+    def name(self) -> str:
+        """The station's name."""
+        return self.sweep.station
+
+    def amplitude(self, power: np.ndarray) -> np.ndarray:
+        """Return the amplitude [LSB] of a sine of `power` [dBm] at the antenna port."""
+        return self.full_scale * 10.0 ** ((power - self.sweep.full_scale_power) / 20.0)
+
+    def noise_std(self) -> np.ndarray:
+        """Return the standard deviation of the additive noise in each real or I or Q sample [LSB].
+
+        The density spreads over f_s/2 of a real IF, over f_s of a quadrature one; both then have the same noise power
+        per line power in a bin.
+        """
+        bandwidth = self.sweep.sample_rate * (1.0 if self.iq else 0.5)
+        return self.amplitude(self.noise_density + 10.0 * np.log10(bandwidth)) / np.sqrt(2.0)
+
+
+@dataclasses.dataclass
+class Path:
+    """One propagation path: tau(t) = delay + rate t + acceleration t^2 / 2, t since station 1's sweep start."""
+
+    delay: np.ndarray  # [n] of the whole path, hardware and air [s]
+    rate: np.ndarray  # [n] [s/s]
+    acceleration: np.ndarray  # [n] [s/s^2]
+    amplitude: np.ndarray  # [n] relative to the direct path, negative where the sign is reversed [1]
+
+
+@dataclasses.dataclass
+class Measurements:
+    """Everything that determines the IF signals of n measurements of one pair with one set of sweep settings."""
+
+    stations: tuple[Station, ...]  # first and second, or the one station that hears itself
+    sweep_id: np.ndarray  # [n]
+    time: np.ndarray  # [n] station 1's sweep start since the scenario's start [s]
+    range: np.ndarray  # [n] true antenna distance at that time [m]
+    velocity: np.ndarray  # [n] [m/s]
+    start_delay: np.ndarray  # [n] true T_off [s]
+    initial_phase: np.ndarray  # [stations, n] phi_0 [turns]
+    paths: list[Path]  # the direct one first
+    start_delay_jitter: float = 0.0  # standard deviation from sweep to sweep [s]
+    amplitude_scatter: float = 0.0  # standard deviation from sweep to sweep [dB]
+    refractive_index: np.ndarray | float = 1.0  # [n] of the air on the path
+    setting: np.ndarray | int = 0  # [n] number of the distance at which the crane stands
+
+    def __len__(self) -> int:
+        """Return the number of measurements."""
+        return len(self.sweep_id)
+
+    def rows(self, rows: slice | np.ndarray) -> 'Measurements':
+        """Return a copy of some of the measurements."""
+        stations = tuple(
+            dataclasses.replace(
+                s,
+                alpha=s.alpha[rows].copy(),
+                sample_clock=s.sample_clock[rows].copy(),
+                received_power=s.received_power[rows].copy(),
+                noise_density=s.noise_density[rows].copy(),
+                temperature=s.temperature[rows].copy(),
+            )
+            for s in self.stations
+        )
+        paths = [Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths]
+        return dataclasses.replace(
+            self,
+            stations=stations,
+            paths=paths,
+            initial_phase=self.initial_phase[:, rows].copy(),
+            sweep_id=self.sweep_id[rows].copy(),
+            time=self.time[rows].copy(),
+            range=self.range[rows].copy(),
+            velocity=self.velocity[rows].copy(),
+            start_delay=self.start_delay[rows].copy(),
+            refractive_index=_each(self.refractive_index, len(self))[rows].copy(),
+            setting=_each(self.setting, len(self))[rows].copy(),
+        )
+
+
+def _each(values: np.ndarray | float, count: int) -> np.ndarray:
+    """Return values of `count` measurements, which one number may stand for."""
+    return np.asarray(values) if np.ndim(values) else np.full(count, values)
