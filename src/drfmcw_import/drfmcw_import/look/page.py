@@ -6,10 +6,10 @@ from pathlib import Path
 
 import jinja2
 import numpy as np
-from drfmcw_node.estimation import EstimatorSettings
 
 from drfmcw_fusion.offline import Replay, replay_recording
 from drfmcw_fusion.statistics import reference_at
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 
