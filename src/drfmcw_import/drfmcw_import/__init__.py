@@ -1,0 +1,1 @@
+"""Files of other radars into recordings, recordings into files, and looking at recordings."""
