@@ -199,6 +199,6 @@ def _header(stamp: int, frame: str) -> Any:
 
 def as_rosbags(content: Any, kind: str) -> Any:
     """Return a dataclass with a message's fields, stamp and frame_id as message of rosbags."""
-    cls = typestore().types[kind]
+    cls: Any = typestore().types[kind]
     names = {f.name for f in dataclasses.fields(cls)} & {f.name for f in dataclasses.fields(content)}
     return cls(header=_header(content.stamp, content.frame_id), **{name: getattr(content, name) for name in names})
