@@ -1,4 +1,4 @@
-"""Which measurement mode a distance asks for: short distance up to a limit, long distance beyond, with hysteresis."""
+"""Which measurement mode a distance requires: short distance up to a limit, long distance beyond, with hysteresis."""
 
 import dataclasses
 import math

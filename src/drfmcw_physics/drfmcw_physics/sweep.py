@@ -1,4 +1,4 @@
-"""The frequency sweep and where the beat frequencies of a pair of stations stand.
+"""The frequency sweep and the beat frequencies of a pair of stations.
 
 Equation numbers are those of the paper (see docs/architecture.md for the analysis window).
 """
