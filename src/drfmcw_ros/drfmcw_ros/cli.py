@@ -44,7 +44,7 @@ def split_ros_arguments(argv: Sequence[str] | None) -> tuple[list[str], list[str
 
 
 def write_atomically(path: Path | str, content: str | bytes) -> None:
-    """Write a file under a temporary name and rename it, so that a half-written one never stands under its name.
+    """Write a file under a temporary name and rename it, so that a half-written one never appears under its name.
 
     Raises:
         ConfigurationError: the file cannot be written.

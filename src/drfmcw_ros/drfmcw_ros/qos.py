@@ -24,7 +24,7 @@ DEEP = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""What a recorder asks for, and results, which are small: deep enough to sit out seconds without a processor."""
+"""A recorder's subscriptions, and results, which are small: deep enough for seconds without processor time."""
 
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

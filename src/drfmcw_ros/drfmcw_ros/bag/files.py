@@ -187,7 +187,7 @@ class BagWriter:
             overwrite: replace a recording that exists.
 
         Raises:
-            BagError: it exists already, an unknown storage, or the place cannot be written.
+            BagError: it exists already, an unknown storage, or the path cannot be written.
         """
         self.path = Path(path)
         if storage not in STORAGES:
@@ -208,7 +208,7 @@ class BagWriter:
         self.message_count = 0
 
     def add_topic(self, topic: str, msgtype: str) -> None:
-        """Register a topic, so that it stands in the recording even without a message."""
+        """Register a topic, so that the recording lists it even without a message."""
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(
                 topic, msgtype, typestore=typestore(), offered_qos_profiles=[_qos(topic)]
@@ -224,7 +224,7 @@ class BagWriter:
             message: serialised (CDR bytes), or a message object of rosbags.
 
         Raises:
-            BagError: the place is full or gone.
+            BagError: the disk is full or gone.
         """
         self.add_topic(topic, msgtype)
         if not isinstance(message, bytes | bytearray | memoryview):
