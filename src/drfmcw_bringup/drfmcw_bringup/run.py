@@ -32,7 +32,7 @@ def start_nodes(
 ) -> None:
     """Start recorder, fusion and everything between fusion and simulator.
 
-    With estimator 'pair', a pair station stands in place of each pair's first station; the second one's sweeps reach it
+    With estimator 'pair', a pair station replaces each pair's first station; the second one's sweeps reach it
     compressed, as over a radio link, from a node that evaluates nothing.
 
     Args:
