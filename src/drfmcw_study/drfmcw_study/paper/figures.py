@@ -186,7 +186,7 @@ class ReferencePanel:
     corrected: np.ndarray  # bias with eq. 19
     uncorrected: np.ndarray  # bias of the same sweeps by eqs. 5 and 6
     error: np.ndarray  # standard error of both
-    unknown: np.ndarray  # bias where nobody knows the offset
+    unknown: np.ndarray  # bias with an offset that the calibration lacks
     unknown_error: np.ndarray  # its standard error
     equation: np.ndarray  # bias by eq. 20
     std: np.ndarray  # offset known

@@ -16,7 +16,7 @@ LABORATORY_DELAY = 4e-6
 """T_off of the laboratory measurements [s]."""
 
 CHANCE = 5.0
-"""Standard errors that chance is granted in a verdict: one run in 10 000 with 100 values."""
+"""Standard errors up to which a difference counts as chance: in one run of 10 000, one of 100 values exceeds it."""
 
 NOMINAL = (1.0, 1.0)
 """Reference oscillators that are exact."""
