@@ -148,7 +148,7 @@ def _timing(dataset: Dataset) -> tuple[float, np.ndarray]:
 
 
 def _report_interval(pauses: np.ndarray) -> float:
-    """Return how often weather and temperatures have to be told, to be told anew before each stop [s]."""
+    """Return the interval of weather and temperatures [s]: short enough for a new value before each stop."""
     moving = pauses[pauses > 0.0]
     return max(_number(moving.min() / 2.0), SCENARIO.shortest_report) if len(moving) else math.inf
 
@@ -263,7 +263,7 @@ def _reference(dataset: Dataset) -> dict[str, Any]:
 
 
 def _start_delay_jitter(dataset: Dataset) -> float:
-    """Return the standard deviation of the true T_off from sweep to sweep, as both lines tell it together [s]."""
+    """Return the standard deviation of the true T_off from sweep to sweep, estimated from both lines [s]."""
     if not dataset.topology.both_heard:
         return TimingSettings().start_delay_jitter
     variances = []
@@ -289,7 +289,7 @@ def _amplitude_scatter(dataset: Dataset) -> float:
 
 
 def _sizeable_groups(dataset: Dataset) -> list[np.ndarray]:
-    """Return the rows of groups in which every station found a line often enough to tell a scatter."""
+    """Return the rows of groups in which every station found a line often enough for a scatter."""
     found = np.isfinite(dataset.lines.frequency[[s is not None for s in dataset.samples]]).all(axis=0)
     groups = [np.flatnonzero(found & (dataset.group == number)) for number in range(dataset.group[-1] + 1)]
     return [rows for rows in groups if len(rows) >= SCENARIO.fewest]

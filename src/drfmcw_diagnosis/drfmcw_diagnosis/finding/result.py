@@ -32,7 +32,7 @@ class FoundEffect:
     station: str | None
     parameters: dict[str, Estimate]
     log_evidence_gain: float  # by this effect, the others in place
-    p_value: float  # of a gain this large by chance, over all places searched
+    p_value: float  # of a gain this large by chance, over all positions searched
     range_shift: float | None = None  # largest change of a range in this recording by it, with its sign [m]
 
 
@@ -109,7 +109,7 @@ class Separability:
 
 @dataclasses.dataclass(frozen=True)
 class NextMeasurement:
-    """A hypothetical measurement, and by how much it would part the explanation from its rivals."""
+    """A hypothetical measurement, and by how much it would separate the explanation from its rivals."""
 
     sentence: str  # what to do
     separations: tuple[float, ...]  # from each of the alternatives, beyond what the recording brings [std]
@@ -132,7 +132,7 @@ class Diagnosis:
 
     recording: str
     verdict: str
-    significance: float  # probability of a mismatch this large by chance, over all places searched
+    significance: float  # probability of a mismatch this large by chance, over all positions searched
     false_alarm_rate: float  # setting
     locations: tuple[Location, ...]
     explanation: Explanation | None
@@ -149,7 +149,7 @@ class Diagnosis:
     sweeps_held_out: int | None = None
     command: str = ''  # that gave this diagnosis
     measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
-    places: int | None = None  # that were tried: what chance is counted over
+    places: int | None = None  # positions searched, over which chance is counted
 
     def as_object(self) -> dict[str, Any]:
         """Return a JSON-ready object, as docs and ../shared/interfaces describe it."""

@@ -17,8 +17,7 @@ from .result import Location, MisfitMap, Separability, Series
 def remainder(comparison: Comparison, chosen: Fitted | None) -> np.ndarray:
     """Return whitened residuals beside an explanation (n,), NaN where nothing is compared.
 
-    What the forward models may be off by counts as noise, see `Fitting.doubt`; numbers of which they tell next to
-    nothing are NaN.
+    Errors of the forward models count as noise, see `Fitting.doubt`; numbers that they hardly predict are NaN.
     """
     used = comparison.residual != 0.0
     if chosen is None:

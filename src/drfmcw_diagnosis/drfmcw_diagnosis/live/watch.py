@@ -121,10 +121,10 @@ def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> None:
     """Write a finding and its report into a directory, where its refined model may stand already.
 
     Raises:
-        ConfigurationError, OSError: the place cannot be written.
+        ConfigurationError, OSError: the directory cannot be written.
     """
     from ..finding.report import (
-        render_html,  # the only place that needs matplotlib; it takes half a second at every look
+        render_html,  # only here, because importing matplotlib takes half a second at every look
     )
 
     out.mkdir(parents=True, exist_ok=True)
