@@ -112,7 +112,7 @@ def _carrier_phase(first: Station, second: Station, delay: float) -> float:
 
     Both phases are reported at the centre of the station's own sweep; station 2's lies T_off later. The true T_off
     differs from the nominal one by nanoseconds from sweep to sweep, which would be 0.03 mm of range; the frequencies
-    tell it to some picoseconds.
+    determine it to some picoseconds.
     """
     s1, s2 = first.sweep.line_sign(), second.sweep.line_sign()
     k, start_delay = first.sweep.chirp_rate, first.sweep.start_delay

@@ -1,4 +1,4 @@
-"""Fusion node: pairs of stations' beat frequencies in, ranges out; asks for the mode that the distance needs."""
+"""Fusion node: pairs of stations' beat frequencies in, ranges out; requests the mode that the distance needs."""
 
 import dataclasses
 import functools
@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
 from rclpy.node import Node
@@ -25,7 +25,7 @@ from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
 from .offline import read_weather
-from .pipeline import Flag, RangeFusion, RangeResult
+from .pipeline import Flag, RangeFusion, RangeResult, flag_names
 from .settings import FusionSettings
 
 _UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY
@@ -36,7 +36,7 @@ _WEATHER_TYPES = {
     '/site/humidity': RelativeHumidity,
 }
 _LARGEST_FLOAT = 3.4e38  # of a float32 field
-_REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is asked for again [s]
+_REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is requested again [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
@@ -51,7 +51,7 @@ class PairSettings:
     field_of_view: float = parameter(
         0.3, unit='rad', bounds=(0.0, 2.0 * math.pi), description='of range_sensor: beam width of the antennas'
     )
-    switch_mode: bool = parameter(True, description='ask the stations for the mode that the distance needs')
+    switch_mode: bool = parameter(True, description='request from the stations the mode that the distance needs')
 
     def __post_init__(self) -> None:
         """Refuse names that are no pair."""
@@ -59,7 +59,7 @@ class PairSettings:
             if pair.count('/') != 1 or not all(pair.split('/')):
                 raise ConfigurationError(f"pairs: '{pair}' is not 'first/second'")
         if len(set(self.pairs)) != len(self.pairs):
-            raise ConfigurationError(f'pairs: one stands twice in {self.pairs}')
+            raise ConfigurationError(f'pairs: a pair is given twice in {self.pairs}')
 
 
 @dataclasses.dataclass
@@ -80,6 +80,7 @@ class FusionNode(Node):
         """Create the node; `pairs` replaces the default of the parameter of that name."""
         super().__init__('fusion', **kwargs)
         described = PairSettings(pairs=list(pairs)) if pairs else PairSettings()
+        self._logger: Any = cast(Any, self).get_logger()  # rclpy gives it no type
         self._pair_settings = SettingsParameters(self, PairSettings, described)
         self._settings = SettingsParameters(self, FusionSettings, on_change=self._change)
         self._mode = SettingsParameters(self, ModeSettings, prefix='mode')
@@ -92,7 +93,7 @@ class FusionNode(Node):
                 qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RELIABLE),
                 qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RELIABLE),
             )
-        self._requests: dict[str, Any] = {}
+        self._requests: dict[tuple[str, str], Any] = {}
         self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
         for station in sorted({name for pair in self._pairs for name in pair}):
             self._listen_to(station)
@@ -129,11 +130,11 @@ class FusionNode(Node):
         self._take(self._fusion.add_calibration, message, Calibration)
 
     def _take(self, add: Any, message: Any, cls: type) -> None:
-        """Hand a message to the fusion; what no radar can do is refused with the reason."""
+        """Hand a message to the fusion; what no radar can do is refused, with the reason."""
         try:
             add(from_message(message, cls))
         except ConfigurationError as error:
-            self.get_logger().error(f"refused {type(message).__name__} of '{message.station}': {error}")
+            self._logger.error(f"refused {type(message).__name__} of '{message.station}': {error}")
 
     def _status(self, message: StationStatus) -> None:
         stamp = stamp_ns(message.header.stamp)
@@ -155,7 +156,7 @@ class FusionNode(Node):
         pair = (result.first_station, result.second_station)
         state = self._pairs.get(pair)
         if state is None:
-            return  # a pair that this node was not asked for
+            return  # a pair that this node does not fuse
         state.range_publisher.publish(to_message(result, RangeEstimate))
         state.sensor_publisher.publish(self._sensor_message(result))
         state.newest = result
@@ -186,8 +187,8 @@ class FusionNode(Node):
         """Announce the mode that the distance needs, once per change, to both stations of a pair."""
         if pair[0] == pair[1]:
             return
-        # what was asked for counts as the mode in use until the stations have changed: asked once, not every sweep,
-        # and again where they have not changed for a while
+        # the requested mode counts as the mode in use until the stations have changed: one request, not one per sweep,
+        # and another where they have not changed for a while
         now = time.monotonic()
         current, asked = self._requested.get(pair, (Mode(result.mode), now))
         wanted = choose_mode(current, result.range, self._mode.value)
@@ -203,17 +204,15 @@ class FusionNode(Node):
             delay = self._mode.value.start_delay(wanted)
             request = dataclasses.replace(sweep, mode=int(wanted), start_delay=delay, stamp=result.stamp)
             self._requests[station, peer].publish(to_message(request, SweepConfig))
-        self.get_logger().info(f'{"/".join(pair)}: {wanted.short_name} mode asked for at {result.range:.1f} m')
+        self._logger.info(f'{"/".join(pair)}: {wanted.short_name} mode asked for at {result.range:.1f} m')
 
     def _diagnose(self, pair: tuple[str, str], status: Status) -> None:
         state = self._pairs[pair]
         if state.ranges == 0:
             status.report(ERROR if state.newest is None else WARN, 'no range in the last second')
         elif state.flagged:
-            doubts = [flag.name.lower() for flag in Flag if flag and state.newest.flags & flag]
-            status.report(
-                WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {", ".join(doubts) or "none"}'
-            )
+            doubts = ', '.join(flag_names(state.newest.flags if state.newest else 0)) or 'none'
+            status.report(WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {doubts}')
         status.value('ranges per second', state.ranges)
         if state.newest is not None:
             status.value('range [m]', state.newest.range)

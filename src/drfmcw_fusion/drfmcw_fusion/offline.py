@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -51,12 +52,12 @@ class Replay:
 
     results: list[RangeResult]
     reference: Reference
-    missing: list[str]  # what the recording lacks and what can therefore not be told
+    missing: list[str]  # what the recording lacks, and what follows from that
     sweeps: int
     dropped: dict[str, int]  # reason: sweeps without a range
 
 
-def read_weather(topic: str, message: object) -> tuple[str, float]:
+def read_weather(topic: str, message: Any) -> tuple[str, float]:
     """Return (quantity, value) of a message on one of the /site topics, as RangeFusion.add_weather takes it."""
     quantity, field = _WEATHER[topic]
     return quantity, float(getattr(message, field))
@@ -115,7 +116,7 @@ class RecordingReplay:
         yield '/site/temperature', 'the default weather is used'
         yield '/site/pressure', 'the default weather is used'
         yield '/site/humidity', 'the default weather is used'
-        yield '/reference/range', 'no error against a reference can be told'
+        yield '/reference/range', 'no error against a reference is known'
 
     def run(self, progress: Callable[[int], None] | None = None) -> Replay:
         """Recompute everything; `progress` is called with the number of messages read so far."""
@@ -152,7 +153,7 @@ class RecordingReplay:
             dropped={reason: count for reason, count in dropped.items() if count},
         )
 
-    def _take(self, topic: str, message: object) -> None:
+    def _take(self, topic: str, message: Any) -> None:
         """Take in one message that is no sweep."""
         station, name = split_station_topic(topic)
         stamp = stamp_ns(message.header.stamp)

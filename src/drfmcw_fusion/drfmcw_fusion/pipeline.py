@@ -59,6 +59,11 @@ class RangeResult:
     carrier_phase: float  # [rad]
 
 
+def flag_names(flags: int) -> list[str]:
+    """Return the names of the bits set, in lower case."""
+    return [str(flag.name).lower() for flag in Flag if flag and flags & flag]
+
+
 class RangeFusion:
     """Pairs both stations' results by sweep number and turns each pair into a range.
 
@@ -166,10 +171,11 @@ class RangeFusion:
         return self._result(station, station, path, station.calibration.delay)
 
     def _fuse(self, one: Beat, other: Beat) -> RangeResult | None:
-        stations = [self._station(one), self._station(other)]
-        if stations[0] is None or stations[1] is None:
+        first, second = self._station(one), self._station(other)
+        if first is None or second is None:
             return None
-        first, second = sorted(stations, key=lambda s: s.sweep.role)
+        if first.sweep.role > second.sweep.role:
+            first, second = second, first
         try:
             path = combine(first, second, self.settings.alpha_correction)
         except (ZeroDivisionError, OverflowError) as error:

@@ -25,7 +25,7 @@ _RANGE_FIT_DURATION = 5.0  # for how long at most it is fitted to the ranges, wh
 _RANGE_FIT_MINIMUM = 6  # sweeps that takes
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
 _LONGEST_PAUSE = 1.0  # after which the crane counts as standing again until shown otherwise [s]
-_SHORTEST_COMPARISON = 3  # sweeps; fewer cannot tell a drift from an outlier
+_SHORTEST_COMPARISON = 3  # sweeps; fewer cannot distinguish a drift from an outlier
 _DECISION = 10.0  # a drift must be known this much better than the half wavelength it is rounded to
 
 
@@ -148,7 +148,7 @@ class VelocityTracker:
         self._confirmed = False
 
     def _phase_step(self, phase: float, step_time: float, half_wave: float) -> float:
-        """Return the displacement since the last sweep [m], NaN where it cannot be told from the phases."""
+        """Return the displacement since the last sweep [m], NaN where the phases do not determine it."""
         if self._maximum_acceleration * step_time**2 > _LARGEST_PHASE_STEP * half_wave:
             return math.nan
         turns = (phase - self._phase) / (2.0 * math.pi)
