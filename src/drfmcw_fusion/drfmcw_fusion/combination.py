@@ -143,6 +143,8 @@ def _delay_std(first: Station, second: Station, delay: float) -> float:
         PhaseNoise(s.calibration.phase_noise_level, s.calibration.phase_noise_corner) for s in (first, second)
     ]
     window = first.beat.window
+    if not math.isfinite(delay):  # a sweep without a line
+        return math.inf
     shared = window and window == second.beat.window and all(oscillator.known for oscillator in oscillators)
     if not shared or not all(beat.independent_std > 0.0 for beat in beats):
         variance = sum(beat.frequency_std**2 for beat in beats)

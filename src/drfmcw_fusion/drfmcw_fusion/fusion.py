@@ -5,7 +5,7 @@ import functools
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
@@ -15,12 +15,13 @@ from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 from drfmcw_node.processing import Beat
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.plausible import printable
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, stamp_ns, to_message
+from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -37,6 +38,7 @@ _WEATHER_TYPES = {
 }
 _LARGEST_FLOAT = 3.4e38  # of a float32 field
 _REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is requested again [s]
+_LOG_INTERVAL = 10.0  # between two lines about refused messages [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
@@ -95,7 +97,11 @@ class FusionNode(Node):
             )
         self._requests: dict[tuple[str, str], Any] = {}
         self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
-        for station in sorted({name for pair in self._pairs for name in pair}):
+        self._stations = {name for pair in self._pairs for name in pair}
+        self._refused = self._refused_before = 0  # messages
+        self._refusal = ''  # why the last one was
+        self._logged = -_LOG_INTERVAL
+        for station in sorted(self._stations):
             self._listen_to(station)
         for topic, kind in _WEATHER_TYPES.items():
             self._first.subscription(kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
@@ -103,6 +109,7 @@ class FusionNode(Node):
         for pair in self._pairs:
             diagnostics.add(f'Range {"/".join(pair)}', functools.partial(self._diagnose, pair))
         diagnostics.add('Pairing', self._diagnose_pairing)
+        diagnostics.add('Inputs', self._diagnose_inputs)
         self._lost = (0, 0)
 
     def _listen_to(self, station: str) -> None:
@@ -124,33 +131,54 @@ class FusionNode(Node):
         self._fusion.settings = settings
 
     def _sweep_config(self, message: SweepConfig) -> None:
-        self._take(self._fusion.add_sweep_config, message, SweepSettings)
+        self._take(message, lambda: self._fusion.add_sweep_config(from_message(message, SweepSettings)))
 
     def _calibration(self, message: StationCalibration) -> None:
-        self._take(self._fusion.add_calibration, message, Calibration)
+        self._take(message, lambda: self._fusion.add_calibration(from_message(message, Calibration)))
 
-    def _take(self, add: Any, message: Any, cls: type) -> None:
-        """Hand a message to the fusion; what no radar can do is refused, with the reason."""
+    def _take(self, message: Any, take: Callable[[], RangeResult | None]) -> RangeResult | None:
+        """Return what `take` makes of a message; an implausible one is refused with the reason, and counted."""
+        station = getattr(message, 'station', '')
         try:
-            add(from_message(message, cls))
+            if station and station not in self._stations:
+                raise ConfigurationError(f'station = {printable(station)} is in none of the pairs')
+            return take()
         except ConfigurationError as error:
-            self._logger.error(f"refused {type(message).__name__} of '{message.station}': {error}")
+            self._refused += 1
+            self._refusal = f'{type(message).__name__}{" of " + printable(station) if station else ""}: {error}'
+            now = time.monotonic()
+            if now - self._logged >= _LOG_INTERVAL:
+                self._logged = now
+                self._logger.error(f'refused {self._refusal}')
+            return None
 
     def _status(self, message: StationStatus) -> None:
-        stamp = stamp_ns(message.header.stamp)
-        self._fusion.add_board_temperature(message.station, stamp, message.temperature)
+        def take() -> None:
+            check(message)
+            stamp = stamp_ns(message.header.stamp)
+            if math.isfinite(message.temperature):
+                self._fusion.add_board_temperature(message.station, stamp, message.temperature)
+            self._fusion.add_lock(message.station, stamp, message.pll_locked)
+
+        self._take(message, take)
 
     def _weather(self, topic: str, message: Any) -> None:
-        quantity, value = read_weather(topic, message)
-        self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
+        def take() -> None:
+            quantity, value = read_weather(topic, message)
+            self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
+
+        self._take(message, take)
 
     def _beats(self, messages: list[BeatFrequency]) -> None:
         self._first.poll()
         arrival = time.monotonic()
         for message in messages:
-            result = self._fusion.add_beat(from_message(message, Beat), arrival)
+            result = self._take(message, functools.partial(self._add_beat, message, arrival))
             if result is not None:
                 self._publish(result)
+
+    def _add_beat(self, message: BeatFrequency, arrival: float) -> RangeResult | None:
+        return self._fusion.add_beat(from_message(message, Beat), arrival)
 
     def _publish(self, result: RangeResult) -> None:
         pair = (result.first_station, result.second_station)
@@ -229,6 +257,12 @@ class FusionNode(Node):
         status.value('results without a partner', lost[0])
         status.value('results without settings', lost[1])
         self._lost = lost
+
+    def _diagnose_inputs(self, status: Status) -> None:
+        new, self._refused_before = self._refused - self._refused_before, self._refused
+        if new:
+            status.report(ERROR, f'{new} messages refused, last: {self._refusal}')
+        status.value('refused messages', self._refused)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -12,7 +12,6 @@ from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
 from .combination import PathDelay, Station, combine, own_path
@@ -77,6 +76,7 @@ class RangeFusion:
         self._sweeps: dict[tuple[str, str], History[SweepSettings]] = {}
         self._calibrations: dict[str, History[Calibration]] = {}
         self._board_temperatures: dict[str, History[float]] = {}
+        self._locks: dict[str, History[bool]] = {}
         self._weather: dict[str, History[float]] = {k: History() for k in ('temperature', 'pressure', 'humidity')}
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._trackers: dict[tuple[str, str], VelocityTracker] = {}
@@ -106,6 +106,10 @@ class RangeFusion:
     def add_board_temperature(self, station: str, stamp: int, temperature: float) -> None:
         """Take in a station's board temperature [degC]."""
         self._board_temperatures.setdefault(station, History()).add(stamp, temperature)
+
+    def add_lock(self, station: str, stamp: int, locked: bool) -> None:
+        """Take in whether a station's PLL is locked."""
+        self._locks.setdefault(station, History()).add(stamp, locked)
 
     def add_weather(self, quantity: str, stamp: int, value: float) -> None:
         """Take in a reading of 'temperature' [degC], 'pressure' [Pa] or 'humidity' [0..1]; NaN is ignored."""
@@ -178,8 +182,10 @@ class RangeFusion:
             first, second = second, first
         try:
             path = combine(first, second, self.settings.alpha_correction)
-        except (ZeroDivisionError, OverflowError) as error:
-            raise ConfigurationError(f"settings of '{first.sweep.station}': {error}") from None
+        except (ArithmeticError, ValueError) as error:
+            self.without_settings += 1
+            self.reason = f"settings of '{first.sweep.station}': {error}"
+            return None
         return self._result(first, second, path, first.calibration.delay + second.calibration.delay)
 
     def _result(self, first: Station, second: Station, path: PathDelay, hardware_delay: float) -> RangeResult:
@@ -202,7 +208,9 @@ class RangeFusion:
         delay_correction = -hardware_delay * SPEED_OF_LIGHT
         atmosphere_correction = (path.delay - hardware_delay) * (velocity_of_light - SPEED_OF_LIGHT)
         corrected = uncorrected + alpha_correction + delay_correction + atmosphere_correction + velocity_correction
-        if not self.settings.minimum_range <= corrected <= self.settings.maximum_range:
+        if not math.isfinite(corrected):  # a sweep without a line
+            flags |= Flag.WEAK_SIGNAL
+        elif not self.settings.minimum_range <= corrected <= self.settings.maximum_range:
             flags |= Flag.OUT_OF_LIMITS
         return RangeResult(
             stamp=stamp,
@@ -243,7 +251,7 @@ class RangeFusion:
     def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
         flags = Flag.VALID
         for station in (first, second):
-            if station.beat.flags & BeatFlag.WEAK_SIGNAL:
+            if station.beat.flags & BeatFlag.WEAK_SIGNAL or not math.isfinite(station.beat.frequency):
                 flags |= Flag.WEAK_SIGNAL
             if station.beat.flags & ~BeatFlag.WEAK_SIGNAL:
                 flags |= Flag.SIGNAL_QUALITY

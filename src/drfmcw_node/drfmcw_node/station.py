@@ -171,6 +171,8 @@ class StationNode(SweepNode):
 
     def _take_request(self, message: SweepConfig) -> None:
         """Pass the wish for another mode to the hardware; what it then does shows in the frames."""
+        if self._converted(message, SweepSettings, 'sweep_request') is None:
+            return
         current = self._current.get(message.peer)
         if current is None or (current.mode, current.start_delay) == (message.mode, message.start_delay):
             return

@@ -12,11 +12,12 @@ from drfmcw_msgs.msg import BeatFrequency, CompressedIfSamples, IfSamples, IfSpe
 from rclpy.node import Node
 
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.plausible import printable
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
-from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, to_message
+from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.messages import check, from_message, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -56,6 +57,8 @@ class SweepNode(Node):
         self._results: dict[str, tuple[Any, Any]] = {}  # publishers of beats and spectra by station
         self._seen: dict[str, int] = {}
         self._last_report = (0, 0)
+        self._refused = self._refused_before = 0  # messages
+        self._refusal = ''  # why the last one was
         self._flags: collections.Counter[str] = collections.Counter()
         self._snr: collections.deque[float] = collections.deque(maxlen=1000)
         self._reported: dict[str, float] = {}
@@ -72,6 +75,7 @@ class SweepNode(Node):
         diagnostics = Diagnostics(self, hardware_id)
         diagnostics.add('Sweeps', self._diagnose_sweeps)
         diagnostics.add('Source', self._diagnose_source)
+        diagnostics.add('Inputs', self._diagnose_inputs)
         self._rate_time = time.monotonic()
         return diagnostics
 
@@ -119,23 +123,27 @@ class SweepNode(Node):
         try:
             return from_message(message, cls)
         except ConfigurationError as error:
-            self._warn(f'{topic}: {error}')
+            self._refused += 1
+            self._refusal = f'{topic} of {printable(message.station)}: {error}'
+            self._warn(f'refused {self._refusal}')
             return None
 
     def _take_samples(self, messages: Sequence[IfSamples]) -> None:
         self._first.poll()
-        self._take_sweeps([from_message(message, Sweep) for message in messages])
+        sweeps = (self._converted(message, Sweep, f'sweep {message.sweep_id}') for message in messages)
+        self._take_sweeps([sweep for sweep in sweeps if sweep is not None])
 
     def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
         self._first.poll()
         sweeps = []
         for message in messages:
             try:
+                check(message)
                 sweeps.append(decompress_message(message))
             except (CompressionError, ConfigurationError) as error:
                 self._processor.sweeps += 1
                 self._processor.dropped['damaged compressed sweep'] += 1
-                self._warn(f'compressed sweep {message.sweep_id} of {message.station}: {error}')
+                self._warn(f'compressed sweep {message.sweep_id} of {printable(message.station)}: {error}')
         self._take_sweeps(sweeps)
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
@@ -220,6 +228,12 @@ class SweepNode(Node):
             status.value(f'dropped: {reason}', count)
         for beats, _ in self._results.values():
             status.value(f'subscribers of {beats.topic_name}', beats.get_subscription_count())
+
+    def _diagnose_inputs(self, status: Status) -> None:
+        new, self._refused_before = self._refused - self._refused_before, self._refused
+        if new:
+            status.report(ERROR, f'{new} messages refused, last: {self._refusal}')
+        status.value('refused messages', self._refused)
 
     def _diagnose_source(self, status: Status) -> None:
         for topic, subscription in self._sweep_subscriptions.items():
