@@ -116,13 +116,13 @@ def _carrier_phase(first: Station, second: Station, delay: float) -> float:
     """
     s1, s2 = first.sweep.line_sign(), second.sweep.line_sign()
     k, start_delay = first.sweep.chirp_rate, first.sweep.start_delay
-    excess = _start_delay_excess(first, second, delay)
+    excess = start_delay_excess(first, second, delay)
     late = 2.0 * math.pi * second.beat.frequency * (start_delay + excess)
     # [phi_1(t) - phi_1(t - tau)] + [phi_2(t - T_off) - phi_2(t - T_off - tau)]: the second interval's chirp is earlier
     return s1 * first.beat.phase - s2 * (second.beat.phase - late) + 2.0 * math.pi * k * excess * delay
 
 
-def _start_delay_excess(first: Station, second: Station, delay: float) -> float:
+def start_delay_excess(first: Station, second: Station, delay: float) -> float:
     """Return by how much the true T_off exceeds the nominal one in this sweep [s]; 2 k T_off is in f_1 +- f_2."""
     sign = first.sweep.line_sign() * second.sweep.line_sign()
     a1, a2 = first.calibration.alpha, second.calibration.alpha

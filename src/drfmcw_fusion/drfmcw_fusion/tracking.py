@@ -9,6 +9,7 @@ half wavelengths per sweep.
 """
 
 import collections
+import copy
 import dataclasses
 import itertools
 import math
@@ -87,12 +88,25 @@ class VelocityTracker:
         """Begin a new track of phases (the settings changed); ranges and velocity go on."""
         self._track.clear()
 
+    def copy(self) -> 'VelocityTracker':
+        """Return a tracker that knows the same and goes on by itself."""
+        other = copy.copy(self)
+        other._track = collections.deque(map(copy.copy, self._track), maxlen=_TRACK_LENGTH)
+        other._recent = collections.deque(self._recent, maxlen=_TRACK_LENGTH)
+        if other._track and other._recent:
+            other._recent[-1] = other._track[-1]  # one point, as `update` makes it
+        return other
+
+    def last_step(self) -> float:
+        """Return the displacement between the last two sweeps, by the phases [m]; NaN where they were not followed."""
+        return self._track[-1].moved - self._track[-2].moved if len(self._track) > 1 else math.nan
+
     def coast(self, stamp: int) -> Motion:
         """Return the velocity at `stamp` [ns] as the last sweeps had it, without taking in a new one."""
         pause = (stamp - self._stamp) * 1e-9
-        if not math.isfinite(self._velocity) or not 0.0 <= pause <= _LONGEST_PAUSE:
+        if not math.isfinite(self._velocity) or not abs(pause) <= _LONGEST_PAUSE:
             return UNKNOWN
-        return Motion(self._velocity, self._maximum_acceleration * pause / math.sqrt(3.0), self._confirmed)
+        return Motion(self._velocity, self._maximum_acceleration * abs(pause) / math.sqrt(3.0), self._confirmed)
 
     def update(
         self, stamp: int, path: PathDelay, measured_range: float, range_std: float, refractive_index: float
