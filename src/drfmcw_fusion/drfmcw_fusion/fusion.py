@@ -25,6 +25,7 @@ from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
+from .integrity.settings import IntegritySettings
 from .offline import read_weather
 from .pipeline import Flag, RangeFusion, RangeResult, flag_names
 from .settings import FusionSettings
@@ -85,8 +86,11 @@ class FusionNode(Node):
         self._logger: Any = cast(Any, self).get_logger()  # rclpy gives it no type
         self._pair_settings = SettingsParameters(self, PairSettings, described)
         self._settings = SettingsParameters(self, FusionSettings, on_change=self._change)
+        self._integrity = SettingsParameters(
+            self, IntegritySettings, prefix='integrity', on_change=self._change_integrity
+        )
         self._mode = SettingsParameters(self, ModeSettings, prefix='mode')
-        self._fusion = RangeFusion(self._settings.value)
+        self._fusion = RangeFusion(self._settings.value, self._integrity.value)
         self._first = qos.FirstTopics(self)  # settings, calibrations, weather: before the beats that need them
         self._pairs: dict[tuple[str, str], _PairState] = {}
         for pair in self._pair_settings.value.pairs:
@@ -129,6 +133,9 @@ class FusionNode(Node):
 
     def _change(self, settings: FusionSettings) -> None:
         self._fusion.settings = settings
+
+    def _change_integrity(self, settings: IntegritySettings) -> None:
+        self._fusion.integrity = settings
 
     def _sweep_config(self, message: SweepConfig) -> None:
         self._take(message, lambda: self._fusion.add_sweep_config(from_message(message, SweepSettings)))
@@ -246,8 +253,11 @@ class FusionNode(Node):
             status.value('range [m]', state.newest.range)
             status.value('range_std [m]', state.newest.range_std)
             status.value('velocity [m/s]', state.newest.velocity)
+            status.value('protection level [m]', state.newest.protection_level)
             status.value('mode', 'LD' if state.newest.mode else 'SD')
             status.value('refractive_index', f'{state.newest.refractive_index:.7f}')
+        for test, count in self._fusion.failures(pair).items():
+            status.value(f'failed test {test}', count)
         state.ranges = state.flagged = 0
 
     def _diagnose_pairing(self, status: Status) -> None:

@@ -235,7 +235,16 @@ class RangeFusion:
             second,
             flags,
             verdict,
-            Measured(stamp, path, standing_range, range_std, index, rate, (first.sweep.mode, first.sweep.start_delay)),
+            Measured(
+                stamp,
+                path,
+                standing_range,
+                range_std,
+                index,
+                rate,
+                (first.sweep.mode, first.sweep.start_delay),
+                verdict.std,
+            ),
         )
         motion, verdict = judged.motion, verdict & judged.verdict
         monitor.count(verdict)

@@ -32,6 +32,9 @@ TINY = 1e-30
 """Squared magnitude that stands for none at all [LSB^2]."""
 
 _DECHIRP_BINS = 0.02  # chirp across the window below which it is left on the line
+_FALSE_DETECTION = 1e-6  # probability that noise alone passes for a line, per sweep
+_PEAKS_PER_BIN = 2.0  # independent values among which the peak of noise is sought
+_METER_MARGIN = 2.0  # what the noise level's own error adds to the exponent: E exp(-e (1 + d)), d of 8 %
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -182,6 +185,12 @@ class Estimator:
                 f'station {sweep.station}: no frequency to search between {lowest:g} Hz and {highest:g} Hz'
             )
         self._edges = (lowest + 2 * resolution, highest - 2 * resolution)
+        # noise's strongest bin follows exp(-power / mean): its SNR, by the weights that give the line's amplitude
+        exponent = math.log(_PEAKS_PER_BIN * (self._last - self._first + 1) / _FALSE_DETECTION) + _METER_MARGIN
+        weights = window_samples(self.weighting, start, end, rate, count)
+        spread = float((weights**2).sum() / weights.sum() ** 2)
+        detection = 10.0 * math.log10(exponent * spread * rate * sweep.ramp_duration)
+        self._detection = max(settings.weak_threshold, detection)  # [dB]
         self._dechirp = self._chirp_factor(own, peer)
         calibrations = (own,) if sweep.hears_itself else (own, peer)
         self.noises = oscillators(*calibrations)
@@ -347,7 +356,7 @@ class Estimator:
         ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
             second * snr > 10.0 ** (settings.weak_threshold / 10.0)
         )
-        flags = (snr_decibel < settings.weak_threshold).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
+        flags = (snr_decibel < self._detection).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
         for flag, raised in (
             (Flag.CLIPPED, clipped(samples, full_scale)),
             (Flag.NEAR_DC, frequency < self._edges[0]),

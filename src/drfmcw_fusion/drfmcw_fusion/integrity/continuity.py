@@ -45,6 +45,7 @@ class Measured:
     index: float  # refractive index of the air [1]
     doppler: float  # by which the velocity lengthens the range [m per m/s]
     setting: tuple[int, float]  # mode and start delay
+    doubt: float = 0.0  # what failed tests add to `std`, as a square [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,8 +100,7 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     """
     if (measured.stamp - state.seen) * 1e-9 > settings.restart_pause:
         tracker, motion = _updated(state.main.tracker, measured, restart=True)
-        fresh = Track(tracker, measured, _corrected(measured, motion), measured.std**2, 1, measured.stamp, 0.0, 0.0, False)
-        return State(fresh, seen=measured.stamp), Outcome(motion, PASSED, math.inf)
+        return State(_track(tracker, measured, motion), seen=measured.stamp), Outcome(motion, PASSED, math.inf)
     scale = _scale(state.scatter)
     track, motion, innovation, std, slack = _extended(state.main, state.other, measured, limits)
     gate = GATE * max(scale, 1.0) * std + slack
@@ -141,8 +141,13 @@ def _other(state: State, measured: Measured, limits: Limits) -> Track:
 
 def _fresh(measured: Measured, limits: Limits) -> tuple[Track, Motion]:
     tracker, motion = _updated(VelocityTracker(limits.velocity, limits.acceleration), measured)
-    position = _corrected(measured, motion)
-    return Track(tracker, measured, position, measured.std**2, 1, measured.stamp, 0.0, 0.0, False), motion
+    return _track(tracker, measured, motion), motion
+
+
+def _track(tracker: VelocityTracker, measured: Measured, motion: Motion) -> Track:
+    """Return the track that begins with a sweep."""
+    position, variance = _corrected(measured, motion), measured.std**2
+    return Track(tracker, measured, position, variance, 1, measured.stamp, 0.0, 0.0, False)
 
 
 def _updated(tracker: VelocityTracker, measured: Measured, restart: bool = False) -> tuple[VelocityTracker, Motion]:
@@ -184,7 +189,7 @@ def _extended(
     if not settled:
         slack += abs(measured.doppler) * limits.velocity
     velocity_std = measured.doppler * motion.velocity_std if known and math.isfinite(motion.velocity_std) else 0.0
-    own = math.hypot(measured.std, velocity_std)
+    own = math.hypot(measured.std, velocity_std, measured.doubt)
     predicted = track.position + displacement
     variance = track.variance + (slack / 3.0) ** 2
     innovation = _corrected(measured, motion) - predicted

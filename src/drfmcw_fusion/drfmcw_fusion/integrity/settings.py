@@ -9,7 +9,7 @@ from drfmcw_physics.settings import parameter
 class IntegritySettings:
     """What the site's hardware and crane do when all is well; each field is a ROS parameter."""
 
-    monitor: bool = parameter(True, description='test every range; False leaves the stations own flags only')
+    monitor: bool = parameter(True, description='test every range; false leaves only the flags of the stations')
     start_delay_tolerance: float = parameter(
         10e-9, unit='s', bounds=(1e-12, 1e-3), description='how far T_off strays from its nominal value'
     )
