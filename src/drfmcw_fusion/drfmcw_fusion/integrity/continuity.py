@@ -24,6 +24,7 @@ _MEDIAN = 0.6745  # of the absolute value of a normal deviate
 _SUPPORT = 5  # ranges that a track needs to refuse another one for good
 _STEADY = 10  # ranges that a shorter track needs to be taken for the direct path
 _LARGEST_Z = 100.0
+_LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Track:
     moved: float  # since then [m]
     slack: float  # by which that may be wrong [m]
     known: bool  # the velocity was confirmed, so that `position` has no Doppler shift in it
+    scatter: tuple[float, ...] = ()  # newest innovations over their standard deviations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +71,6 @@ class State:
 
     main: Track
     other: Track | None = None  # ranges that do not continue the main track, but each other
-    scatter: tuple[float, ...] = ()  # newest innovations over their standard deviations
     seen: int = 0  # stamp of the newest sweep [ns]
 
 
@@ -101,21 +102,25 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     if (measured.stamp - state.seen) * 1e-9 > settings.restart_pause:
         tracker, motion = _updated(state.main.tracker, measured, restart=True)
         return State(_track(tracker, measured, motion), seen=measured.stamp), Outcome(motion, PASSED, math.inf)
-    scale = _scale(state.scatter)
+    scale = _scale(state.main.scatter)
     track, motion, innovation, std, slack = _extended(state.main, state.other, measured, limits)
     gate = GATE * max(scale, 1.0) * std + slack
-    z = max(abs(innovation) - slack, 0.0) / std
-    scatter = (*state.scatter, min(z, _LARGEST_Z))[-_SCATTER_LENGTH:]
-    verdict = _scatter_verdict(scale, measured.std) if settings.monitor else PASSED
-    if abs(innovation) <= gate or not settings.monitor:
-        return State(track, None, scatter, measured.stamp), Outcome(motion, verdict, gate, scale)
+    if not settings.monitor:
+        return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
+    verdict = _scatter_verdict(scale, measured.std)
+    if abs(innovation) <= gate:
+        # however it is distributed, an error as large as the innovation stays within its standard deviation
+        least = (abs(innovation) - slack) / _LARGEST_SHARE
+        if least > math.hypot(measured.std, measured.doubt, verdict.std):
+            verdict = dataclasses.replace(verdict, std=math.hypot(verdict.std, least))
+        return State(track, None, measured.stamp), Outcome(motion, verdict, gate, scale)
     other = _other(state, measured, limits)
+    verdict &= refuse(Test.CONTINUITY)
     if _takes_over(state.main, other, innovation, settings):
-        return State(other, None, (), measured.stamp), Outcome(
-            other.tracker.coast(measured.stamp), refuse(Test.CONTINUITY), gate, scale
-        )
-    new = dataclasses.replace(state, other=other, scatter=scatter, seen=measured.stamp)
-    return new, Outcome(motion, verdict & refuse(Test.CONTINUITY), gate, scale)
+        motion = other.tracker.coast(measured.stamp)
+        return State(other, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+    main = dataclasses.replace(state.main, scatter=track.scatter)
+    return State(main, other, measured.stamp), Outcome(motion, verdict, gate, scale)
 
 
 def _takes_over(main: Track, other: Track, innovation: float, settings: IntegritySettings) -> bool:
@@ -124,6 +129,8 @@ def _takes_over(main: Track, other: Track, innovation: float, settings: Integrit
     The direct path is the shortest, so a steady shorter range replaces a longer one; a longer one never does while
     sweeps go on, unless too few sweeps ever supported the shorter.
     """
+    if not other.known or _scale(other.scatter) > _SCATTER_DOUBT:
+        return False
     if other.count >= _SUPPORT and main.count < _SUPPORT:
         return True
     steady = (other.measured.stamp - other.begin) * 1e-9 >= settings.shorter_time and other.count >= _STEADY
@@ -205,6 +212,7 @@ def _extended(
         track.moved + displacement,
         track.slack + slack,
         known,
+        (*track.scatter, min(max(abs(innovation) - slack, 0.0) / std, _LARGEST_Z))[-_SCATTER_LENGTH:],
     )
     return extended, motion, innovation, std, slack
 

@@ -48,7 +48,7 @@ def _run(arguments: object, console: Console) -> int:
     with concurrent.futures.ProcessPoolExecutor(options['jobs']) as pool:
         paths = [directory / f'{_file_name(fault)}_{sweeps}_{options["seed"]}.json' for fault in chosen]
         tried = {
-            number: pool.submit(_row, fault, sweeps, options['seed'])
+            number: pool.submit(_row, fault.name, fault.size, sweeps, options['seed'])
             for number, (fault, path) in enumerate(zip(chosen, paths, strict=True))
             if not path.exists()
         }
@@ -81,7 +81,9 @@ def _chosen(names: list[str] | None) -> list[Fault]:
     return [fault for fault in known if not names or fault.name in names]
 
 
-def _row(fault: Fault, sweeps: int, seed: int) -> Row:
+def _row(name: str, size: str, sweeps: int, seed: int) -> Row:
+    """Try a fault; by name, since functions do not reach another process."""
+    fault = next(fault for fault in faults() if (fault.name, fault.size) == (name, size))
     found: list[Counts] = [measure(case) for case in cases(fault, sweeps, seed)]
     return Row(
         fault.name,
