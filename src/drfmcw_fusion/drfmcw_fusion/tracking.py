@@ -97,6 +97,13 @@ class VelocityTracker:
             other._recent[-1] = other._track[-1]  # one point, as `update` makes it
         return other
 
+    def branch(self) -> 'VelocityTracker':
+        """Return a tracker that begins a track of its own at this one's velocity."""
+        other = self.copy()
+        other._track.clear()
+        other._recent.clear()
+        return other
+
     def last_step(self) -> float:
         """Return the displacement between the last two sweeps, by the phases [m]; NaN where they were not followed."""
         return self._track[-1].moved - self._track[-2].moved if len(self._track) > 1 else math.nan

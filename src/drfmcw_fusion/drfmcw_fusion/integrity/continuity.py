@@ -18,12 +18,16 @@ GATE = 4.5
 _SMALLEST_GAIN = 1.0 / 16.0  # of a new range on the track: follows slow errors of the model
 _SCATTER_LENGTH = 24  # innovations whose median shows the scatter
 _SCATTER_MINIMUM = 12  # and how many it takes
-_SCATTER_DOUBT = 2.0  # times the stated standard deviation
+_SCATTER_DOUBT = 3.0  # times the stated standard deviation
 _SCATTER_REFUSAL = 5.0
 _MEDIAN = 0.6745  # of the absolute value of a normal deviate
 _SUPPORT = 5  # ranges that a track needs to refuse another one for good
 _STEADY = 10  # ranges that a shorter track needs to be taken for the direct path
 _LARGEST_Z = 100.0
+_SETTLED = 8  # sweeps after which a track's velocity predicts the next phase
+_PHASE_ACCELERATION = 2.0  # times the largest one, for what the velocity lags behind
+_LONGEST_PHASE_STEP = 0.2  # [s]
+_PHASE_SHARE = 0.15  # of a range's standard deviation, that a phase may be off its prediction; its own is 0.01
 _LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 
@@ -108,7 +112,7 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     if not settings.monitor:
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
     verdict = _scatter_verdict(scale, measured.std)
-    if abs(innovation) <= gate:
+    if abs(innovation) <= gate and _phases_continue(state.main, track, measured, limits):
         # however it is distributed, an error as large as the innovation stays within its standard deviation
         least = (abs(innovation) - slack) / _LARGEST_SHARE
         if least > math.hypot(measured.std, measured.doubt, verdict.std):
@@ -119,8 +123,26 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     if _takes_over(state.main, other, innovation, settings):
         motion = other.tracker.coast(measured.stamp)
         return State(other, None, measured.stamp), Outcome(motion, verdict, gate, scale)
-    main = dataclasses.replace(state.main, scatter=track.scatter)
+    main = state.main
+    if other.count == 1:  # it continues nothing: scatter, not another path
+        main = dataclasses.replace(main, scatter=track.scatter)
     return State(main, other, measured.stamp), Outcome(motion, verdict, gate, scale)
+
+
+def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:
+    """Return whether the carrier phase went on as the largest acceleration allows.
+
+    Phases are a hundred times as accurate as ranges, and what is wrong with a sweep leaves them anywhere within a half
+    wavelength.
+    """
+    step = (measured.stamp - before.measured.stamp) * 1e-9
+    if step > _LONGEST_PHASE_STEP:
+        return True  # ranges alone must do
+    velocity, displacement = before.tracker.coast(measured.stamp).velocity, after.tracker.last_step()
+    if before.count < _SETTLED or not (before.known and after.known and math.isfinite(displacement - velocity)):
+        return True
+    most = _PHASE_ACCELERATION * limits.acceleration * step**2 + _PHASE_SHARE * measured.std
+    return abs(displacement - velocity * step) <= most
 
 
 def _takes_over(main: Track, other: Track, innovation: float, settings: IntegritySettings) -> bool:
@@ -143,7 +165,9 @@ def _other(state: State, measured: Measured, limits: Limits) -> Track:
         track, _, innovation, std, slack = _extended(state.other, None, measured, limits)
         if abs(innovation) <= GATE * std + slack:
             return track
-    return _fresh(measured, limits)[0]
+    # the crane moves on as before, wherever the range has gone
+    tracker, motion = _updated(state.main.tracker.branch(), measured)
+    return _track(tracker, measured, motion)
 
 
 def _fresh(measured: Measured, limits: Limits) -> tuple[Track, Motion]:
@@ -154,7 +178,7 @@ def _fresh(measured: Measured, limits: Limits) -> tuple[Track, Motion]:
 def _track(tracker: VelocityTracker, measured: Measured, motion: Motion) -> Track:
     """Return the track that begins with a sweep."""
     position, variance = _corrected(measured, motion), measured.std**2
-    return Track(tracker, measured, position, variance, 1, measured.stamp, 0.0, 0.0, False)
+    return Track(tracker, measured, position, variance, 1, measured.stamp, 0.0, 0.0, _known(motion))
 
 
 def _updated(tracker: VelocityTracker, measured: Measured, restart: bool = False) -> tuple[VelocityTracker, Motion]:
@@ -182,17 +206,16 @@ def _extended(
     """
     step = (measured.stamp - track.measured.stamp) * 1e-9
     tracker, motion = _updated(track.tracker, measured, restart=track.measured.setting != measured.setting)
-    known = motion.confirmed and math.isfinite(motion.velocity)
+    displacement, prior = tracker.last_step(), track.tracker.coast(measured.stamp)
+    if not _known(motion) and _known(prior):  # a range that has jumped says nothing about the velocity
+        motion, displacement = prior, math.nan
+    slack, known = 0.0, _known(motion)
+    if other is not None:
+        tracker, motion, displacement, slack = _beside(track, other, measured, limits, (tracker, motion))
+        known = _known(motion)
+    elif not (known and track.known) or not math.isfinite(displacement):
+        displacement, slack = _coasted(prior, step, limits)
     settled = known and track.known
-    displacement = tracker.last_step()
-    slack = 0.0
-    if other is not None and other.count >= 2 and not math.isfinite(displacement):
-        gap = (other.begin - track.measured.stamp) * 1e-9
-        before = track.tracker.coast(other.begin)
-        displacement, slack = _coasted(before, gap, limits)
-        displacement, slack = displacement + other.moved, slack + other.slack
-    elif not settled or not math.isfinite(displacement):
-        displacement, slack = _coasted(track.tracker.coast(measured.stamp), step, limits)
     if not settled:
         slack += abs(measured.doppler) * limits.velocity
     velocity_std = measured.doppler * motion.velocity_std if known and math.isfinite(motion.velocity_std) else 0.0
@@ -215,6 +238,27 @@ def _extended(
         (*track.scatter, min(max(abs(innovation) - slack, 0.0) / std, _LARGEST_Z))[-_SCATTER_LENGTH:],
     )
     return extended, motion, innovation, std, slack
+
+
+def _beside(
+    track: Track, other: Track, measured: Measured, limits: Limits, own: tuple[VelocityTracker, Motion]
+) -> tuple[VelocityTracker, Motion, float, float]:
+    """Return (tracker, velocity, displacement [m], slack [m]) since a track's last sweep while another one goes on.
+
+    The crane came from the one to the other, and on as the other's phases show.
+    """
+    gap = (other.begin - track.measured.stamp) * 1e-9
+    displacement, slack = _coasted(track.tracker.coast(other.begin), gap, limits)
+    following, motion, innovation, std, room = _extended(other, None, measured, limits)
+    if other.known and following.known and abs(innovation) <= GATE * std + room:
+        return following.tracker, motion, displacement + following.moved, slack + following.slack
+    last = (measured.stamp - other.measured.stamp) * 1e-9
+    further, more = _coasted(other.tracker.coast(measured.stamp), last, limits)
+    return *own, displacement + other.moved + further, slack + other.slack + more
+
+
+def _known(motion: Motion) -> bool:
+    return motion.confirmed and math.isfinite(motion.velocity)
 
 
 def _coasted(motion: Motion, time: float, limits: Limits) -> tuple[float, float]:
