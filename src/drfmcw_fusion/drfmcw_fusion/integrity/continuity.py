@@ -208,7 +208,8 @@ def _extended(
     tracker, motion = _updated(track.tracker, measured, restart=track.measured.setting != measured.setting)
     displacement, prior = tracker.last_step(), track.tracker.coast(measured.stamp)
     if not _known(motion) and _known(prior):  # a range that has jumped says nothing about the velocity
-        motion, displacement = prior, math.nan
+        tracker, motion = _updated(track.tracker.branch(), measured)
+        displacement = math.nan
     slack, known = 0.0, _known(motion)
     if other is not None:
         tracker, motion, displacement, slack = _beside(track, other, measured, limits, (tracker, motion))
