@@ -117,6 +117,8 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         least = (abs(innovation) - slack) / _LARGEST_SHARE
         if least > math.hypot(measured.std, measured.doubt, verdict.std):
             verdict = dataclasses.replace(verdict, std=math.hypot(verdict.std, least))
+        if state.other is not None and slack > _LARGEST_SHARE * std:  # it may as well belong to neither
+            verdict &= refuse(Test.CONTINUITY)
         return State(track, None, measured.stamp), Outcome(motion, verdict, gate, scale)
     other = _other(state, measured, limits)
     verdict &= refuse(Test.CONTINUITY)
