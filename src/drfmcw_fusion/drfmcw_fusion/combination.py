@@ -112,17 +112,17 @@ def _carrier_phase(first: Station, second: Station, delay: float) -> float:
 
     Both phases are reported at the centre of the station's own sweep; station 2's lies T_off later. The true T_off
     differs from the nominal one by nanoseconds from sweep to sweep, which would be 0.03 mm of range; the frequencies
-    tell it to some picoseconds.
+    determine it to some picoseconds.
     """
     s1, s2 = first.sweep.line_sign(), second.sweep.line_sign()
     k, start_delay = first.sweep.chirp_rate, first.sweep.start_delay
-    excess = _start_delay_excess(first, second, delay)
+    excess = start_delay_excess(first, second, delay)
     late = 2.0 * math.pi * second.beat.frequency * (start_delay + excess)
     # [phi_1(t) - phi_1(t - tau)] + [phi_2(t - T_off) - phi_2(t - T_off - tau)]: the second interval's chirp is earlier
     return s1 * first.beat.phase - s2 * (second.beat.phase - late) + 2.0 * math.pi * k * excess * delay
 
 
-def _start_delay_excess(first: Station, second: Station, delay: float) -> float:
+def start_delay_excess(first: Station, second: Station, delay: float) -> float:
     """Return by how much the true T_off exceeds the nominal one in this sweep [s]; 2 k T_off is in f_1 +- f_2."""
     sign = first.sweep.line_sign() * second.sweep.line_sign()
     a1, a2 = first.calibration.alpha, second.calibration.alpha
@@ -143,6 +143,8 @@ def _delay_std(first: Station, second: Station, delay: float) -> float:
         PhaseNoise(s.calibration.phase_noise_level, s.calibration.phase_noise_corner) for s in (first, second)
     ]
     window = first.beat.window
+    if not math.isfinite(delay):  # a sweep without a line
+        return math.inf
     shared = window and window == second.beat.window and all(oscillator.known for oscillator in oscillators)
     if not shared or not all(beat.independent_std > 0.0 for beat in beats):
         variance = sum(beat.frequency_std**2 for beat in beats)

@@ -1,12 +1,12 @@
-"""Fusion node: pairs of stations' beat frequencies in, ranges out; asks for the mode that the distance needs."""
+"""Fusion node: pairs of stations' beat frequencies in, ranges out; requests the mode that the distance needs."""
 
 import dataclasses
 import functools
 import math
 import sys
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
 from rclpy.node import Node
@@ -15,17 +15,19 @@ from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.plausible import printable
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, stamp_ns, to_message
+from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
+from .integrity.settings import IntegritySettings
 from .offline import read_weather
-from .pipeline import Flag, RangeFusion, RangeResult
+from .pipeline import Flag, RangeFusion, RangeResult, flag_names
 from .settings import FusionSettings
 
 _UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY
@@ -36,7 +38,8 @@ _WEATHER_TYPES = {
     '/site/humidity': RelativeHumidity,
 }
 _LARGEST_FLOAT = 3.4e38  # of a float32 field
-_REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is asked for again [s]
+_REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is requested again [s]
+_LOG_INTERVAL = 10.0  # between two lines about refused messages [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
@@ -51,7 +54,7 @@ class PairSettings:
     field_of_view: float = parameter(
         0.3, unit='rad', bounds=(0.0, 2.0 * math.pi), description='of range_sensor: beam width of the antennas'
     )
-    switch_mode: bool = parameter(True, description='ask the stations for the mode that the distance needs')
+    switch_mode: bool = parameter(True, description='request from the stations the mode that the distance needs')
 
     def __post_init__(self) -> None:
         """Refuse names that are no pair."""
@@ -59,7 +62,7 @@ class PairSettings:
             if pair.count('/') != 1 or not all(pair.split('/')):
                 raise ConfigurationError(f"pairs: '{pair}' is not 'first/second'")
         if len(set(self.pairs)) != len(self.pairs):
-            raise ConfigurationError(f'pairs: one stands twice in {self.pairs}')
+            raise ConfigurationError(f'pairs: a pair is given twice in {self.pairs}')
 
 
 @dataclasses.dataclass
@@ -80,10 +83,14 @@ class FusionNode(Node):
         """Create the node; `pairs` replaces the default of the parameter of that name."""
         super().__init__('fusion', **kwargs)
         described = PairSettings(pairs=list(pairs)) if pairs else PairSettings()
+        self._logger: Any = cast(Any, self).get_logger()  # rclpy gives it no type
         self._pair_settings = SettingsParameters(self, PairSettings, described)
         self._settings = SettingsParameters(self, FusionSettings, on_change=self._change)
+        self._integrity = SettingsParameters(
+            self, IntegritySettings, prefix='integrity', on_change=self._change_integrity
+        )
         self._mode = SettingsParameters(self, ModeSettings, prefix='mode')
-        self._fusion = RangeFusion(self._settings.value)
+        self._fusion = RangeFusion(self._settings.value, self._integrity.value)
         self._first = qos.FirstTopics(self)  # settings, calibrations, weather: before the beats that need them
         self._pairs: dict[tuple[str, str], _PairState] = {}
         for pair in self._pair_settings.value.pairs:
@@ -92,9 +99,13 @@ class FusionNode(Node):
                 qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RELIABLE),
                 qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RELIABLE),
             )
-        self._requests: dict[str, Any] = {}
+        self._requests: dict[tuple[str, str], Any] = {}
         self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
-        for station in sorted({name for pair in self._pairs for name in pair}):
+        self._stations = {name for pair in self._pairs for name in pair}
+        self._refused = self._refused_before = 0  # messages
+        self._refusal = ''  # why the last one was
+        self._logged = -_LOG_INTERVAL
+        for station in sorted(self._stations):
             self._listen_to(station)
         for topic, kind in _WEATHER_TYPES.items():
             self._first.subscription(kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
@@ -102,6 +113,7 @@ class FusionNode(Node):
         for pair in self._pairs:
             diagnostics.add(f'Range {"/".join(pair)}', functools.partial(self._diagnose, pair))
         diagnostics.add('Pairing', self._diagnose_pairing)
+        diagnostics.add('Inputs', self._diagnose_inputs)
         self._lost = (0, 0)
 
     def _listen_to(self, station: str) -> None:
@@ -122,40 +134,64 @@ class FusionNode(Node):
     def _change(self, settings: FusionSettings) -> None:
         self._fusion.settings = settings
 
+    def _change_integrity(self, settings: IntegritySettings) -> None:
+        self._fusion.integrity = settings
+
     def _sweep_config(self, message: SweepConfig) -> None:
-        self._take(self._fusion.add_sweep_config, message, SweepSettings)
+        self._take(message, lambda: self._fusion.add_sweep_config(from_message(message, SweepSettings)))
 
     def _calibration(self, message: StationCalibration) -> None:
-        self._take(self._fusion.add_calibration, message, Calibration)
+        self._take(message, lambda: self._fusion.add_calibration(from_message(message, Calibration)))
 
-    def _take(self, add: Any, message: Any, cls: type) -> None:
-        """Hand a message to the fusion; what no radar can do is refused with the reason."""
+    def _take(self, message: Any, take: Callable[[], RangeResult | None]) -> RangeResult | None:
+        """Return what `take` makes of a message; an implausible one is refused with the reason, and counted."""
+        station = getattr(message, 'station', '')
         try:
-            add(from_message(message, cls))
+            if station and station not in self._stations:
+                raise ConfigurationError(f'station = {printable(station)} is in none of the pairs')
+            return take()
         except ConfigurationError as error:
-            self.get_logger().error(f"refused {type(message).__name__} of '{message.station}': {error}")
+            self._refused += 1
+            self._refusal = f'{type(message).__name__}{" of " + printable(station) if station else ""}: {error}'
+            now = time.monotonic()
+            if now - self._logged >= _LOG_INTERVAL:
+                self._logged = now
+                self._logger.error(f'refused {self._refusal}')
+            return None
 
     def _status(self, message: StationStatus) -> None:
-        stamp = stamp_ns(message.header.stamp)
-        self._fusion.add_board_temperature(message.station, stamp, message.temperature)
+        def take() -> None:
+            check(message)
+            stamp = stamp_ns(message.header.stamp)
+            if math.isfinite(message.temperature):
+                self._fusion.add_board_temperature(message.station, stamp, message.temperature)
+            self._fusion.add_lock(message.station, stamp, message.pll_locked)
+
+        self._take(message, take)
 
     def _weather(self, topic: str, message: Any) -> None:
-        quantity, value = read_weather(topic, message)
-        self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
+        def take() -> None:
+            quantity, value = read_weather(topic, message)
+            self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
+
+        self._take(message, take)
 
     def _beats(self, messages: list[BeatFrequency]) -> None:
         self._first.poll()
         arrival = time.monotonic()
         for message in messages:
-            result = self._fusion.add_beat(from_message(message, Beat), arrival)
+            result = self._take(message, functools.partial(self._add_beat, message, arrival))
             if result is not None:
                 self._publish(result)
+
+    def _add_beat(self, message: BeatFrequency, arrival: float) -> RangeResult | None:
+        return self._fusion.add_beat(from_message(message, Beat), arrival)
 
     def _publish(self, result: RangeResult) -> None:
         pair = (result.first_station, result.second_station)
         state = self._pairs.get(pair)
         if state is None:
-            return  # a pair that this node was not asked for
+            return  # a pair that this node does not fuse
         state.range_publisher.publish(to_message(result, RangeEstimate))
         state.sensor_publisher.publish(self._sensor_message(result))
         state.newest = result
@@ -186,8 +222,8 @@ class FusionNode(Node):
         """Announce the mode that the distance needs, once per change, to both stations of a pair."""
         if pair[0] == pair[1]:
             return
-        # what was asked for counts as the mode in use until the stations have changed: asked once, not every sweep,
-        # and again where they have not changed for a while
+        # the requested mode counts as the mode in use until the stations have changed: one request, not one per sweep,
+        # and another where they have not changed for a while
         now = time.monotonic()
         current, asked = self._requested.get(pair, (Mode(result.mode), now))
         wanted = choose_mode(current, result.range, self._mode.value)
@@ -203,24 +239,25 @@ class FusionNode(Node):
             delay = self._mode.value.start_delay(wanted)
             request = dataclasses.replace(sweep, mode=int(wanted), start_delay=delay, stamp=result.stamp)
             self._requests[station, peer].publish(to_message(request, SweepConfig))
-        self.get_logger().info(f'{"/".join(pair)}: {wanted.short_name} mode asked for at {result.range:.1f} m')
+        self._logger.info(f'{"/".join(pair)}: {wanted.short_name} mode asked for at {result.range:.1f} m')
 
     def _diagnose(self, pair: tuple[str, str], status: Status) -> None:
         state = self._pairs[pair]
         if state.ranges == 0:
             status.report(ERROR if state.newest is None else WARN, 'no range in the last second')
         elif state.flagged:
-            doubts = [flag.name.lower() for flag in Flag if flag and state.newest.flags & flag]
-            status.report(
-                WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {", ".join(doubts) or "none"}'
-            )
+            doubts = ', '.join(flag_names(state.newest.flags if state.newest else 0)) or 'none'
+            status.report(WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {doubts}')
         status.value('ranges per second', state.ranges)
         if state.newest is not None:
             status.value('range [m]', state.newest.range)
             status.value('range_std [m]', state.newest.range_std)
             status.value('velocity [m/s]', state.newest.velocity)
+            status.value('protection level [m]', state.newest.protection_level)
             status.value('mode', 'LD' if state.newest.mode else 'SD')
             status.value('refractive_index', f'{state.newest.refractive_index:.7f}')
+        for test, count in self._fusion.failures(pair).items():
+            status.value(f'failed test {test}', count)
         state.ranges = state.flagged = 0
 
     def _diagnose_pairing(self, status: Status) -> None:
@@ -230,6 +267,12 @@ class FusionNode(Node):
         status.value('results without a partner', lost[0])
         status.value('results without settings', lost[1])
         self._lost = lost
+
+    def _diagnose_inputs(self, status: Status) -> None:
+        new, self._refused_before = self._refused - self._refused_before, self._refused
+        if new:
+            status.report(ERROR, f'{new} messages refused, last: {self._refusal}')
+        status.value('refused messages', self._refused)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +15,13 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import nearest
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagError, BagReader
-from drfmcw_ros.messages import from_message, stamp_ns
+from drfmcw_ros.messages import ImplausibleError, check, from_message, stamp_ns
 from drfmcw_ros.topics import SITE_TOPICS, is_measured, split_station_topic
 
 from .pipeline import RangeFusion, RangeResult
 from .settings import FusionSettings
 
+_REASONS_SHOWN = 10  # of refused messages
 _CHUNK = 512  # sweeps estimated at once: enough to batch, little enough to stay in the cache
 
 _WEATHER = {
@@ -52,13 +54,18 @@ class Replay:
 
     results: list[RangeResult]
     reference: Reference
-    missing: list[str]  # what the recording lacks and what can therefore not be told
+    missing: list[str]  # what the recording lacks, and what follows from that
     sweeps: int
     dropped: dict[str, int]  # reason: sweeps without a range
 
 
-def read_weather(topic: str, message: object) -> tuple[str, float]:
-    """Return (quantity, value) of a message on one of the /site topics, as RangeFusion.add_weather takes it."""
+def read_weather(topic: str, message: Any) -> tuple[str, float]:
+    """Return (quantity, value) of a message on one of the /site topics, as RangeFusion.add_weather takes it.
+
+    Raises:
+        ImplausibleError: no weather has that value.
+    """
+    check(message)
     quantity, field = _WEATHER[topic]
     return quantity, float(getattr(message, field))
 
@@ -109,6 +116,7 @@ class RecordingReplay:
         self._pending: list[Sweep] = []
         self._reference: list[tuple[int, float, float, str]] = []
         self._sweeps = 0
+        self._refused: collections.Counter[str] = collections.Counter()  # messages by reason
 
     def _optional(self) -> Iterator[tuple[str, str]]:
         for station in self.stations:
@@ -116,7 +124,7 @@ class RecordingReplay:
         yield '/site/temperature', 'the default weather is used'
         yield '/site/pressure', 'the default weather is used'
         yield '/site/humidity', 'the default weather is used'
-        yield '/reference/range', 'no error against a reference can be told'
+        yield '/reference/range', 'no error against a reference is known'
 
     def run(self, progress: Callable[[int], None] | None = None) -> Replay:
         """Recompute everything; `progress` is called with the number of messages read so far."""
@@ -125,10 +133,16 @@ class RecordingReplay:
         # everything is looked up by stamp: first all that sweeps depend on, whenever it was written, then the sweeps
         first = {t for t in self._bag.topics if is_measured(t) and split_station_topic(t)[1] != 'if_samples'}
         for topic, _, message in self._bag.messages(first):
-            self._take(topic, message)
-        for count, (_, _, message) in enumerate(self._bag.messages(samples)):
-            self._pending.append(from_message(message, Sweep))
+            try:
+                self._take(topic, message)
+            except ImplausibleError as error:
+                self._refused[f'{topic}: {error}'] += 1
+        for count, (topic, _, message) in enumerate(self._bag.messages(samples)):
             self._sweeps += 1
+            try:
+                self._pending.append(from_message(message, Sweep))
+            except ImplausibleError as error:
+                self._refused[f'{topic}: {error}'] += 1
             if len(self._pending) >= _CHUNK:
                 results.extend(self._process())
             if progress is not None and count % 100 == 0:
@@ -148,13 +162,18 @@ class RecordingReplay:
                 np.array(stds, dtype=float),
                 np.array(frames, dtype=str),
             ),
-            missing=self.missing,
+            missing=[*self.missing, *_summary(self._refused)],
             sweeps=self._sweeps,
             dropped={reason: count for reason, count in dropped.items() if count},
         )
 
-    def _take(self, topic: str, message: object) -> None:
-        """Take in one message that is no sweep."""
+    def _take(self, topic: str, message: Any) -> None:
+        """Take in one message that is no sweep.
+
+        Raises:
+            ImplausibleError: it holds a value that cannot be.
+        """
+        check(message)
         station, name = split_station_topic(topic)
         stamp = stamp_ns(message.header.stamp)
         if topic in SITE_TOPICS:
@@ -186,6 +205,13 @@ class RecordingReplay:
             result = self._fusion.add_beat(beat)
             if result is not None:
                 yield result
+
+
+def _summary(refused: collections.Counter[str]) -> list[str]:
+    """Return one line per reason, the most frequent ones."""
+    lines = [f'refused {count} messages: {reason}' for reason, count in refused.most_common(_REASONS_SHOWN)]
+    rest = len(refused) - len(lines)
+    return [*lines, f'refused messages for {rest} further reasons'] if rest else lines
 
 
 def replay_recording(

@@ -12,12 +12,15 @@ from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
 from .combination import PathDelay, Station, combine, own_path
+from .integrity.checks import PASSED, Decision, Verdict
+from .integrity.continuity import Limits, Measured
+from .integrity.monitor import INTEGRITY_RISK, Judgement, PairMonitor
+from .integrity.settings import IntegritySettings
 from .settings import FusionSettings
-from .tracking import STANDING, UNKNOWN, Motion, VelocityTracker, doppler_range_rate
+from .tracking import STANDING, UNKNOWN, doppler_range_rate
 
 _WAITING_LIMIT = 4096  # unpaired results kept per pair of stations
 
@@ -33,6 +36,16 @@ class Flag(enum.IntFlag):
     OUT_OF_LIMITS = 16
     SIGNAL_QUALITY = 32
     UNKNOWN_VELOCITY = 64
+    MODEL_MISMATCH = 128  # a test of the integrity monitor failed; with SIGNAL_QUALITY: refused
+
+
+_UNTRACKED = Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY
+_USELESS = _UNTRACKED | Flag.OUT_OF_LIMITS
+_DECISION_FLAGS = {
+    Decision.VALID: Flag.VALID,
+    Decision.DOUBTFUL: Flag.MODEL_MISMATCH,
+    Decision.REFUSED: Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +70,14 @@ class RangeResult:
     refractive_index: float
     path_delay: float  # clocks corrected, hardware included [s]
     carrier_phase: float  # [rad]
+    protection_level: float = math.nan  # bound of the error [m]; infinite where refused
+    integrity_risk: float = math.nan  # probability of an error beyond it [1]
+    failed_tests: int = 0  # bits of integrity.checks.Test
+
+
+def flag_names(flags: int) -> list[str]:
+    """Return the names of the bits set, in lower case."""
+    return [str(flag.name).lower() for flag in Flag if flag and flags & flag]
 
 
 class RangeFusion:
@@ -66,16 +87,17 @@ class RangeFusion:
     live and offline.
     """
 
-    def __init__(self, settings: FusionSettings | None = None) -> None:
-        """Start without any settings, calibration or weather."""
+    def __init__(self, settings: FusionSettings | None = None, integrity: IntegritySettings | None = None) -> None:
+        """Start without any sweep settings, calibration or weather."""
         self._settings = settings or FusionSettings()
+        self._integrity = integrity or IntegritySettings()
         self._sweeps: dict[tuple[str, str], History[SweepSettings]] = {}
         self._calibrations: dict[str, History[Calibration]] = {}
         self._board_temperatures: dict[str, History[float]] = {}
+        self._locks: dict[str, History[bool]] = {}
         self._weather: dict[str, History[float]] = {k: History() for k in ('temperature', 'pressure', 'humidity')}
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
-        self._trackers: dict[tuple[str, str], VelocityTracker] = {}
-        self._tracked_setting: dict[tuple[str, str], tuple[int, float]] = {}
+        self._monitors: dict[tuple[str, str], PairMonitor] = {}
         self.unpaired = 0  # results whose partner never came
         self.without_settings = 0  # results of stations whose sweep settings are not known
         self.reason = ''  # why the last result was dropped
@@ -88,7 +110,22 @@ class RangeFusion:
     @settings.setter
     def settings(self, value: FusionSettings) -> None:
         self._settings = value
-        self._trackers.clear()
+        self._monitors.clear()
+
+    @property
+    def integrity(self) -> IntegritySettings:
+        """Settings of the integrity monitor in use; new ones begin new tracks."""
+        return self._integrity
+
+    @integrity.setter
+    def integrity(self, value: IntegritySettings) -> None:
+        self._integrity = value
+        self._monitors.clear()
+
+    def failures(self, pair: tuple[str, str]) -> dict[str, int]:
+        """Return the number of failed integrity tests of a pair by name, since start."""
+        monitor = self._monitors.get(pair)
+        return dict(monitor.failures) if monitor else {}
 
     def add_sweep_config(self, sweep: SweepSettings) -> None:
         """Take in a station's settings for one peer."""
@@ -101,6 +138,10 @@ class RangeFusion:
     def add_board_temperature(self, station: str, stamp: int, temperature: float) -> None:
         """Take in a station's board temperature [degC]."""
         self._board_temperatures.setdefault(station, History()).add(stamp, temperature)
+
+    def add_lock(self, station: str, stamp: int, locked: bool) -> None:
+        """Take in whether a station's PLL is locked."""
+        self._locks.setdefault(station, History()).add(stamp, locked)
 
     def add_weather(self, quantity: str, stamp: int, value: float) -> None:
         """Take in a reading of 'temperature' [degC], 'pressure' [Pa] or 'humidity' [0..1]; NaN is ignored."""
@@ -166,14 +207,17 @@ class RangeFusion:
         return self._result(station, station, path, station.calibration.delay)
 
     def _fuse(self, one: Beat, other: Beat) -> RangeResult | None:
-        stations = [self._station(one), self._station(other)]
-        if stations[0] is None or stations[1] is None:
+        first, second = self._station(one), self._station(other)
+        if first is None or second is None:
             return None
-        first, second = sorted(stations, key=lambda s: s.sweep.role)
+        if first.sweep.role > second.sweep.role:
+            first, second = second, first
         try:
             path = combine(first, second, self.settings.alpha_correction)
-        except (ZeroDivisionError, OverflowError) as error:
-            raise ConfigurationError(f"settings of '{first.sweep.station}': {error}") from None
+        except (ArithmeticError, ValueError) as error:
+            self.without_settings += 1
+            self.reason = f"settings of '{first.sweep.station}': {error}"
+            return None
         return self._result(first, second, path, first.calibration.delay + second.calibration.delay)
 
     def _result(self, first: Station, second: Station, path: PathDelay, hardware_delay: float) -> RangeResult:
@@ -183,20 +227,44 @@ class RangeFusion:
         standing_range = (path.delay - hardware_delay) * velocity_of_light
         range_std = path.std * velocity_of_light
         flags = self._flags(first, second, stamp) | (Flag.STALE_ENVIRONMENT if stale_environment else Flag.VALID)
-        motion = self._motion(first, second, path, standing_range, range_std, index, flags)
+        rate = doppler_range_rate(path, first.sweep.chirp_rate)
+        monitor = self._monitor(first, second)
+        verdict = monitor.judge_sweep(first, second, path, standing_range, self._unlocked(first, second, stamp))
+        judged = self._motion(
+            first,
+            second,
+            flags,
+            verdict,
+            Measured(
+                stamp,
+                path,
+                standing_range,
+                range_std,
+                index,
+                rate,
+                (first.sweep.mode, first.sweep.start_delay),
+                verdict.std,
+            ),
+        )
+        motion, verdict = judged.motion, verdict & judged.verdict
+        monitor.count(verdict)
+        flags |= _DECISION_FLAGS[verdict.decision]
         if self.settings.velocity == 'tracked' and first is not second and not motion.confirmed:
             flags |= Flag.UNKNOWN_VELOCITY
-        rate = doppler_range_rate(path, first.sweep.chirp_rate)
         velocity_correction = 0.0
         if math.isfinite(motion.velocity):
             velocity_correction = -rate * motion.velocity
             range_std = math.hypot(range_std, rate * motion.velocity_std)
+        if verdict.std > 0.0:
+            range_std = math.hypot(range_std, verdict.std)
         uncorrected = path.uncorrected * SPEED_OF_LIGHT
         alpha_correction = (path.delay - path.uncorrected) * SPEED_OF_LIGHT
         delay_correction = -hardware_delay * SPEED_OF_LIGHT
         atmosphere_correction = (path.delay - hardware_delay) * (velocity_of_light - SPEED_OF_LIGHT)
         corrected = uncorrected + alpha_correction + delay_correction + atmosphere_correction + velocity_correction
-        if not self.settings.minimum_range <= corrected <= self.settings.maximum_range:
+        if not math.isfinite(corrected):  # a sweep without a line
+            flags |= Flag.WEAK_SIGNAL
+        elif not self.settings.minimum_range <= corrected <= self.settings.maximum_range:
             flags |= Flag.OUT_OF_LIMITS
         return RangeResult(
             stamp=stamp,
@@ -217,6 +285,9 @@ class RangeFusion:
             refractive_index=index,
             path_delay=path.delay,
             carrier_phase=path.carrier_phase,
+            protection_level=judged.protection_level(range_std) if not flags & _USELESS else math.inf,
+            integrity_risk=INTEGRITY_RISK if not flags & _USELESS else 1.0,
+            failed_tests=int(verdict.failed),
         )
 
     def _refractive_index(self, stamp: int) -> tuple[float, bool]:
@@ -237,7 +308,7 @@ class RangeFusion:
     def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
         flags = Flag.VALID
         for station in (first, second):
-            if station.beat.flags & BeatFlag.WEAK_SIGNAL:
+            if station.beat.flags & BeatFlag.WEAK_SIGNAL or not math.isfinite(station.beat.frequency):
                 flags |= Flag.WEAK_SIGNAL
             if station.beat.flags & ~BeatFlag.WEAK_SIGNAL:
                 flags |= Flag.SIGNAL_QUALITY
@@ -258,32 +329,31 @@ class RangeFusion:
             return False
         return abs(found[1] - station.calibration.temperature) > self.settings.calibration_temperature_limit
 
-    def _motion(
-        self,
-        first: Station,
-        second: Station,
-        path: PathDelay,
-        standing_range: float,
-        range_std: float,
-        index: float,
-        flags: Flag,
-    ) -> Motion:
-        """Return the pair's velocity at this sweep, from its carrier phases or as set."""
-        if self.settings.velocity == 'standing' or first is second:
-            return STANDING if self.settings.velocity == 'standing' else UNKNOWN
+    def _unlocked(self, first: Station, second: Station, stamp: int) -> bool:
+        """Return whether a station's newest status before `stamp` says that its PLL is not locked."""
+        for station in (first, second):
+            history = self._locks.get(station.sweep.station)
+            found = history.at(stamp) if history else None
+            if found is not None and not found[1]:
+                return True
+        return False
+
+    def _monitor(self, first: Station, second: Station) -> PairMonitor:
         key = (first.sweep.station, second.sweep.station)
-        if key not in self._trackers:
-            limits = (self.settings.maximum_velocity, self.settings.maximum_acceleration)
-            self._trackers[key] = VelocityTracker(*limits)
-        tracker = self._trackers[key]
-        doubtful = Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY
-        setting = (first.sweep.mode, first.sweep.start_delay)
-        if self._tracked_setting.setdefault(key, setting) != setting:
-            tracker.restart()
-            self._tracked_setting[key] = setting
-        if flags & doubtful:
-            return tracker.coast(first.beat.stamp)
-        return tracker.update(first.beat.stamp, path, standing_range, range_std, index)
+        if key not in self._monitors:
+            limits = Limits(self.settings.maximum_velocity, self.settings.maximum_acceleration)
+            self._monitors[key] = PairMonitor(limits, self._integrity)
+        return self._monitors[key]
+
+    def _motion(self, first: Station, second: Station, flags: Flag, verdict: Verdict, measured: Measured) -> Judgement:
+        """Return the pair's velocity at this sweep, from its carrier phases or as set, and whether it goes on."""
+        if self.settings.velocity == 'standing' or first is second:
+            motion = STANDING if self.settings.velocity == 'standing' else UNKNOWN
+            return Judgement(motion, PASSED, math.inf, 1.0)
+        monitor = self._monitor(first, second)
+        if flags & _UNTRACKED or verdict.decision == Decision.REFUSED:
+            return Judgement(monitor.coast(measured.stamp), PASSED, math.inf, 1.0)
+        return monitor.follow(measured)
 
 
 @functools.lru_cache(maxsize=16)

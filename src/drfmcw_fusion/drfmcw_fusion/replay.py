@@ -5,6 +5,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -62,12 +63,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def settings_from(arguments: argparse.Namespace) -> tuple[EstimatorSettings, FusionSettings]:
-    """Return the estimator's and the fusion's settings that the command line asks for.
+    """Return the estimator's and the fusion's settings that the command line gives.
 
     Raises:
         ConfigurationError: unknown key or wrong value in --config or an option.
     """
-    sections: dict = read_yaml(arguments.config) if arguments.config else {}
+    sections: dict[str, Any] = read_yaml(arguments.config) if arguments.config else {}
     where = str(arguments.config)
     for key in sections:
         if key not in ('estimator', 'fusion'):

@@ -71,8 +71,7 @@ def table(rows: Sequence[SettingStatistics], title: str) -> Table:
         ('range [m]', not referenced),
     ):
         if wanted:
-            justify = 'left' if name in ('pair', 'mode') else 'right'
-            shown.add_column(escape(name), justify=justify, no_wrap=True)
+            shown.add_column(escape(name), justify='left' if name in ('pair', 'mode') else 'right', no_wrap=True)
     if not referenced:
         shown.add_column(escape('path delay [ns]'), justify='right')
     for name in ('n', *(('bias [mm]',) if referenced else ()), 'std [mm]', 'reported [mm]', 'left out'):
@@ -97,15 +96,19 @@ def _millimetres(value: float | None, sign: bool = False) -> str:
 
 def summary(rows: Sequence[SettingStatistics]) -> str:
     """Return one sentence about the whole recording."""
-    known = [row for row in rows if row.bias is not None and math.isfinite(row.bias) and row.n > 1]
+    known = [
+        (row.reference, row.bias, row)
+        for row in rows
+        if row.reference is not None and row.bias is not None and math.isfinite(row.bias) and row.n > 1
+    ]
     if not known:
         return f'{sum(row.n for row in rows)} ranges; no reference to compare with.'
-    worst = max(known, key=lambda row: abs(row.bias))
-    total = sum(row.n for row in known)
-    rms = math.sqrt(sum(row.n * (row.bias**2 + row.std**2) for row in known) / total)
+    where, largest, _ = max(known, key=lambda entry: abs(entry[1]))
+    total = sum(row.n for _, _, row in known)
+    rms = math.sqrt(sum(row.n * (bias**2 + row.std**2) for _, bias, row in known) / total)
     return (
-        f'{total} ranges from {min(r.reference for r in known):.1f} to {max(r.reference for r in known):.1f} m: '
-        f'rms error {rms * 1e3:.1f} mm, largest bias {worst.bias * 1e3:+.1f} mm at {worst.reference:.0f} m.'
+        f'{total} ranges from {min(r for r, _, _ in known):.1f} to {max(r for r, _, _ in known):.1f} m: '
+        f'rms error {rms * 1e3:.1f} mm, largest bias {largest * 1e3:+.1f} mm at {where:.0f} m.'
     )
 
 

@@ -18,6 +18,7 @@ _DRIVE = 2.0  # a larger change of the reference within a setting makes it a dri
 DEFAULT_BIN = 50.0
 """Width of the distance bins into which a drive is sorted [m]."""
 
+_REFUSED = Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY
 _EXCLUDED = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS
 
 
@@ -35,7 +36,7 @@ class SettingStatistics:
     range_std: float  # root mean square of what was reported as standard deviation [m]
     reference_std: float | None  # root mean square of the reference's own standard deviation [m]
     delay: float  # mean delay of the whole path, hardware included [s]
-    excluded: int  # sweeps left out: weak signal, stations that disagree on the mode, out of limits
+    excluded: int  # sweeps left out: weak signal, stations that disagree on the mode, out of limits, refused
 
 
 def reference_at(reference: Reference, stamps: np.ndarray) -> np.ndarray:
@@ -109,7 +110,8 @@ def _row(
     pair: tuple[str, str], results: list[RangeResult], truth: np.ndarray, reference: Reference
 ) -> SettingStatistics:
     has_reference = bool(np.isfinite(truth).any())
-    chosen = np.array([not r.flags & _EXCLUDED and math.isfinite(r.range) for r in results])
+    flags = np.array([r.flags for r in results])
+    chosen = (flags & _EXCLUDED == 0) & (flags & _REFUSED != _REFUSED) & np.isfinite([r.range for r in results])
     if has_reference:
         chosen &= np.isfinite(truth)
     excluded = int(len(results) - chosen.sum())

@@ -9,6 +9,7 @@ half wavelengths per sweep.
 """
 
 import collections
+import copy
 import dataclasses
 import itertools
 import math
@@ -25,7 +26,7 @@ _RANGE_FIT_DURATION = 5.0  # for how long at most it is fitted to the ranges, wh
 _RANGE_FIT_MINIMUM = 6  # sweeps that takes
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
 _LONGEST_PAUSE = 1.0  # after which the crane counts as standing again until shown otherwise [s]
-_SHORTEST_COMPARISON = 3  # sweeps; fewer cannot tell a drift from an outlier
+_SHORTEST_COMPARISON = 3  # sweeps; fewer cannot distinguish a drift from an outlier
 _DECISION = 10.0  # a drift must be known this much better than the half wavelength it is rounded to
 
 
@@ -87,12 +88,32 @@ class VelocityTracker:
         """Begin a new track of phases (the settings changed); ranges and velocity go on."""
         self._track.clear()
 
+    def copy(self) -> 'VelocityTracker':
+        """Return a tracker that knows the same and goes on by itself."""
+        other = copy.copy(self)
+        other._track = collections.deque(map(copy.copy, self._track), maxlen=_TRACK_LENGTH)
+        other._recent = collections.deque(self._recent, maxlen=_TRACK_LENGTH)
+        if other._track and other._recent:
+            other._recent[-1] = other._track[-1]  # one point, as `update` makes it
+        return other
+
+    def branch(self) -> 'VelocityTracker':
+        """Return a tracker that begins a track of its own at this one's velocity."""
+        other = self.copy()
+        other._track.clear()
+        other._recent.clear()
+        return other
+
+    def last_step(self) -> float:
+        """Return the displacement between the last two sweeps, by the phases [m]; NaN where they were not followed."""
+        return self._track[-1].moved - self._track[-2].moved if len(self._track) > 1 else math.nan
+
     def coast(self, stamp: int) -> Motion:
         """Return the velocity at `stamp` [ns] as the last sweeps had it, without taking in a new one."""
         pause = (stamp - self._stamp) * 1e-9
-        if not math.isfinite(self._velocity) or not 0.0 <= pause <= _LONGEST_PAUSE:
+        if not math.isfinite(self._velocity) or not abs(pause) <= _LONGEST_PAUSE:
             return UNKNOWN
-        return Motion(self._velocity, self._maximum_acceleration * pause / math.sqrt(3.0), self._confirmed)
+        return Motion(self._velocity, self._maximum_acceleration * abs(pause) / math.sqrt(3.0), self._confirmed)
 
     def update(
         self, stamp: int, path: PathDelay, measured_range: float, range_std: float, refractive_index: float
@@ -148,7 +169,7 @@ class VelocityTracker:
         self._confirmed = False
 
     def _phase_step(self, phase: float, step_time: float, half_wave: float) -> float:
-        """Return the displacement since the last sweep [m], NaN where it cannot be told from the phases."""
+        """Return the displacement since the last sweep [m], NaN where the phases do not determine it."""
         if self._maximum_acceleration * step_time**2 > _LARGEST_PHASE_STEP * half_wave:
             return math.nan
         turns = (phase - self._phase) / (2.0 * math.pi)

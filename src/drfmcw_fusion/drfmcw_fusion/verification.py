@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from rich.console import Console
 
@@ -37,7 +38,7 @@ class Comparison:
     only_recomputed: int
 
 
-def recorded_ranges(bag: BagReader) -> dict[tuple[str, str, int, int], object]:
+def recorded_ranges(bag: BagReader) -> dict[tuple[str, str, int, int], Any]:
     """Return {(first, second, sweep_id, stamp [ns]): RangeEstimate} of all ranges in a recording.
 
     Raises:
@@ -51,7 +52,7 @@ def recorded_ranges(bag: BagReader) -> dict[tuple[str, str, int, int], object]:
     }
 
 
-def compare(recorded: dict[tuple[str, str, int, int], object], results: Sequence[RangeResult]) -> Comparison:
+def compare(recorded: dict[tuple[str, str, int, int], Any], results: Sequence[RangeResult]) -> Comparison:
     """Compare every field of RangeEstimate, bit by bit (NaN equals NaN)."""
     recomputed = {(r.first_station, r.second_station, r.sweep_id, r.stamp): r for r in results}
     identical, largest = 0, 0.0

@@ -136,7 +136,7 @@ def test_real_radar_on_a_cable_of_100_ns(name):
     assert status == 0
     assert [row['delay'] for row in json.loads(out)] == [pytest.approx(100e-9, abs=1e-9)]
     assert json.loads(out)[0]['bias'] is None
-    assert 'note: /reference/range is missing: no error against a reference can be told' in err
+    assert 'note: /reference/range is missing: no error against a reference is known' in err
     status, out, err = run('replay', REAL / name)
     assert (status, err) == (0, '')
     assert '/reference/range is missing' in out

@@ -4,19 +4,20 @@ import collections
 import math
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from drfmcw_msgs.msg import BeatFrequency, CompressedIfSamples, IfSamples, IfSpectrum, StationCalibration, SweepConfig
 from rclpy.node import Node
 
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.plausible import printable
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
-from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, to_message
+from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.messages import check, from_message, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -29,6 +30,8 @@ from .station_settings import SpectrumSettings, is_station_name
 
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
 _LATCHED_DEPTH = 32  # settings for so many peers
+
+T = TypeVar('T')
 
 
 class SweepNode(Node):
@@ -61,6 +64,8 @@ class SweepNode(Node):
         self._seen: dict[str, int] = {}
         self._last_report = (0, 0)
         self._rate_time = time.monotonic()
+        self._refused = self._refused_before = 0  # messages
+        self._refusal = ''  # why the last one was
         self._flags: collections.Counter[str] = collections.Counter()
         self._snr: collections.deque[float] = collections.deque(maxlen=1000)
         self._reported: dict[str, float] = {}
@@ -77,6 +82,7 @@ class SweepNode(Node):
         diagnostics = Diagnostics(self, hardware_id)
         diagnostics.add('Sweeps', self._diagnose_sweeps)
         diagnostics.add('Source', self._diagnose_source)
+        diagnostics.add('Inputs', self._diagnose_inputs)
         return diagnostics
 
     # --- settings, calibrations and sweeps from topics ---
@@ -105,7 +111,7 @@ class SweepNode(Node):
         raise NotImplementedError
 
     def _take_sweep_config(self, message: SweepConfig) -> None:
-        settings = self._converted(message, SweepSettings, 'sweep_config')
+        settings = self.converted(message, SweepSettings, 'sweep_config')
         if settings is not None and self._concerns(settings.station, settings.peer):
             self._add_sweep_config(settings)
             self._take_sweeps([])
@@ -114,32 +120,37 @@ class SweepNode(Node):
         self.processor.add_sweep_config(settings)
 
     def _take_calibration(self, message: StationCalibration) -> None:
-        calibration = self._converted(message, Calibration, 'calibration')
+        calibration = self.converted(message, Calibration, 'calibration')
         if calibration is not None:
             self.processor.add_calibration(calibration)
             self._take_sweeps([])
 
-    def _converted(self, message: Any, cls: type, topic: str) -> Any:
+    def converted(self, message: Any, cls: Callable[..., T], topic: str) -> T | None:
+        """Return a message as `cls`; None, counted and reported, where it holds values that cannot be."""
         try:
             return from_message(message, cls)
         except ConfigurationError as error:
-            self.warn(f'{topic}: {error}')
+            self._refused += 1
+            self._refusal = f'{topic} of {printable(message.station)}: {error}'
+            self.warn(f'refused {self._refusal}')
             return None
 
     def _take_samples(self, messages: Sequence[IfSamples]) -> None:
         self._first.poll()
-        self._take_sweeps([from_message(message, Sweep) for message in messages])
+        sweeps = (self.converted(message, Sweep, f'sweep {message.sweep_id}') for message in messages)
+        self._take_sweeps([sweep for sweep in sweeps if sweep is not None])
 
     def _take_compressed(self, messages: Sequence[CompressedIfSamples]) -> None:
         self._first.poll()
         sweeps = []
         for message in messages:
             try:
+                check(message)
                 sweeps.append(decompress_message(message))
             except (CompressionError, ConfigurationError) as error:
                 self.processor.sweeps += 1
                 self.processor.dropped['damaged compressed sweep'] += 1
-                self.warn(f'compressed sweep {message.sweep_id} of {message.station}: {error}')
+                self.warn(f'compressed sweep {message.sweep_id} of {printable(message.station)}: {error}')
         self._take_sweeps(sweeps)
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
@@ -228,6 +239,12 @@ class SweepNode(Node):
             status.value(f'dropped: {reason}', count)
         for beats, _ in self._results.values():
             status.value(f'subscribers of {beats.topic_name}', beats.get_subscription_count())
+
+    def _diagnose_inputs(self, status: Status) -> None:
+        new, self._refused_before = self._refused - self._refused_before, self._refused
+        if new:
+            status.report(ERROR, f'{new} messages refused, last: {self._refusal}')
+        status.value('refused messages', self._refused)
 
     def _diagnose_source(self, status: Status) -> None:
         for topic, subscription in self._sweep_subscriptions.items():

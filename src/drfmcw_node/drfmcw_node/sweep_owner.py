@@ -188,6 +188,8 @@ class FeedOwner(SweepOwner):
 
     def _take_request(self, message: SweepConfig) -> None:
         """Pass the wish for another mode to the hardware; the frames show what the hardware then does."""
+        if self._node.converted(message, SweepSettings, 'sweep_request') is None:
+            return
         current = self._announced.get(message.peer)
         if current is None or (current.mode, current.start_delay) == (message.mode, message.start_delay):
             return

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from .qos import RELIABLE, publisher
+from .runner import failures
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
@@ -39,18 +40,36 @@ class Diagnostics:
         self._hardware_id = hardware_id
         self._tasks: list[tuple[str, Callable[[Status], None]]] = []
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', RELIABLE)
+        self._reported = 0  # failures of callbacks
         self._timer = node.create_timer(1.0, self._publish)
 
     def add(self, name: str, task: Callable[[Status], None]) -> None:
         """Add a task that fills a `Status` each second."""
         self._tasks.append((name, task))
 
+    def _failing(self) -> list[tuple[str, Callable[[Status], None]]]:
+        """Return the task that reports exceptions in callbacks, none while there was no exception."""
+        found = failures(self._node)
+        return [('Callbacks', self._report_failures)] if found.count else []
+
+    def _report_failures(self, status: Status) -> None:
+        found = failures(self._node)
+        new, self._reported = found.count - self._reported, found.count
+        if new:
+            status.report(ERROR, f'{new} callbacks failed, last: {found.last}')
+        status.value('failed callbacks', found.count)
+        status.value('last failure', found.last)
+
     def _publish(self) -> None:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        for name, task in self._tasks:
+        for name, task in (*self._tasks, *self._failing()):
             status = Status()
-            task(status)
+            try:
+                task(status)
+            except Exception as error:
+                failures(self._node).add(error)
+                status.report(ERROR, f'cannot be diagnosed: {failures(self._node).last}')
             message.status.append(
                 DiagnosticStatus(
                     level=status.level,

@@ -13,6 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from builtin_interfaces.msg import Time
 
+from drfmcw_physics import plausible
+from drfmcw_physics.settings import ConfigurationError
+
 T = TypeVar('T')
 
 NANOSECONDS = 1_000_000_000
@@ -86,11 +89,28 @@ def _field_names(cls: Any) -> tuple[str, ...]:
     return tuple(f.name for f in dataclasses.fields(cls) if f.init and f.name not in ('stamp', 'frame_id'))
 
 
+class ImplausibleError(ConfigurationError):
+    """A message holds a value that cannot be; the text names field, value, unit and range."""
+
+
+def check(message: Any) -> None:
+    """Refuse a ROS or rosbags message with a value outside of `plausible.LIMITS`.
+
+    Raises:
+        ImplausibleError: with the reason.
+    """
+    reason = plausible.refusal(type(message).__name__.rpartition('__')[2], message)
+    if reason:
+        raise ImplausibleError(reason)
+
+
 def from_message(message: Any, cls: Callable[..., T]) -> T:
     """Return the dataclass `cls` filled from a ROS or rosbags message of the same field names.
 
     Raises:
+        ImplausibleError: the message holds a value that cannot be.
         ConfigurationError: where `cls` validates itself and the message holds what it refuses.
     """
+    check(message)
     values = {name: getattr(message, name) for name in _field_names(cls) if hasattr(message, name)}
     return cls(**values, stamp=stamp_ns(message.header.stamp), frame_id=message.header.frame_id)

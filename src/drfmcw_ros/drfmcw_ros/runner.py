@@ -3,6 +3,8 @@
 import gc
 import signal
 import sys
+import time
+import traceback
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +15,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
+
+_LOG_INTERVAL = 10.0  # between two lines about failing callbacks [s]
 
 
 class Finished(Exception):
@@ -27,6 +31,8 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         argv: command line without program name, ``--ros-args`` included; None takes sys.argv.
         kwargs: passed on.
 
+    An exception in a callback ends the callback, not the process: `spin` counts it and the diagnostics report it.
+
     Returns:
         0 after a clean end, 2 after a wrong configuration (one line on stderr names it).
     """
@@ -39,7 +45,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         executor = SingleThreadedExecutor()  # rclpy 7.1's EventsExecutor keeps a core busy without serving
         executor.add_node(node)
         gc.freeze()  # what was made so far stays: not to be looked through again between sweeps
-        executor.spin()
+        spin(executor, node)
     except (KeyboardInterrupt, ExternalShutdownException, Finished):
         pass
     except (ConfigurationError, InvalidParameterValueException, InvalidParameterTypeException) as error:
@@ -53,6 +59,52 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+class Failures:
+    """Exceptions that callbacks of a node raised."""
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self.count = 0
+        self.last = ''  # its text and where it was raised
+
+    def add(self, error: BaseException) -> None:
+        """Count an exception and keep its text and place."""
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if 'drfmcw' in frame.filename] or frames
+        place = f'{own[-1].filename.rpartition("/")[2]}:{own[-1].lineno} in {own[-1].name}' if own else 'unknown place'
+        text = ' '.join(str(error).split())[:200]
+        self.count += 1
+        self.last = f'{type(error).__name__}: {text} ({place})'
+
+
+def failures(node: Node) -> Failures:
+    """Return the failures of a node's callbacks, one object per node."""
+    if not hasattr(node, 'callback_failures'):
+        node.callback_failures = Failures()
+    return node.callback_failures
+
+
+def spin(executor: SingleThreadedExecutor, node: Node) -> None:
+    """Run callbacks until shutdown; count, log and survive what one of them raises.
+
+    Raises:
+        KeyboardInterrupt: a signal.
+        Finished: the node has done its work.
+        ExternalShutdownException: the context was shut down.
+    """
+    counted, logged = failures(node), -_LOG_INTERVAL
+    while rclpy.ok():
+        try:
+            executor.spin_once()
+        except (Finished, ExternalShutdownException):
+            raise
+        except Exception as error:
+            counted.add(error)
+            if time.monotonic() - logged >= _LOG_INTERVAL:
+                logged = time.monotonic()
+                node.get_logger().error(f'a callback failed, {counted.count} so far: {counted.last}')
 
 
 def _stop(signum: int, frame: Any) -> None:

@@ -35,6 +35,12 @@ TINY = 1e-30
 """Squared magnitude that replaces zero, where a logarithm or a quotient needs more [LSB^2]."""
 
 _DECHIRP_BINS = 0.02  # residual chirp across the window below which the line keeps it [bins]
+_FALSE_DETECTION = 1e-6  # probability that noise alone passes for a line, per sweep
+_PEAKS_PER_BIN = 2.0  # independent values among which the peak of noise is sought
+_METER_MARGIN = 2.0  # what the noise level's own error adds to the exponent: E exp(-e (1 + d)), d of 8 %
+_BLOCK = 32  # samples whose energy is compared
+_SETTLING_SHARE = 16  # of the sweep, at its start
+_BURST = 4.0  # times the median block's energy
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -47,6 +53,7 @@ class Flag(enum.IntFlag):
     NEAR_DC = 4
     NEAR_NYQUIST = 8
     AMBIGUOUS = 16
+    BURST = 32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,6 +202,12 @@ class Estimator:
                 f'station {sweep.station}: no frequency to search between {lowest:g} Hz and {highest:g} Hz'
             )
         self._edges = (lowest + 2 * resolution, highest - 2 * resolution)
+        # noise's strongest bin follows exp(-power / mean): its SNR, by the weights that give the line's amplitude
+        exponent = math.log(_PEAKS_PER_BIN * (self._last - self._first + 1) / _FALSE_DETECTION) + _METER_MARGIN
+        weights = window_samples(self.weighting, start, end, rate, count)
+        spread = float((weights**2).sum() / weights.sum() ** 2)
+        detection = 10.0 * math.log10(exponent * spread * rate * sweep.ramp_duration)
+        self._detection = max(settings.weak_threshold, detection)  # [dB]
         self.chirp = self._residual_chirp(own, peer)
         """Residual chirp of the line, 0 where it is negligible or unknown [Hz/s]."""
         self._dechirp = self._chirp_factor()
@@ -309,7 +322,9 @@ class Estimator:
         line = amplitude.real**2 + amplitude.imag**2
         noise = self.meter.measure(sweeps.power, sweeps.peak, line, full_scale)
         magnitude = [] if wanted is None else [self._decibel_full_scale(sweeps.shown[wanted], full_scale[wanted])]
-        return self._results(sweeps, bins, amplitude, line, noise, full_scale) + magnitude
+        results = self._results(sweeps, bins, amplitude, line, noise, full_scale)
+        results[0][has_burst(sweeps.record, self.weighting != 'boxcar')] |= np.uint8(Flag.BURST)
+        return results + magnitude
 
     def _transform(self, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """Return the sweeps less their mean, the same windowed and de-chirped, bins from 0 Hz up, power to show.
@@ -385,7 +400,7 @@ class Estimator:
         ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
             second * snr > 10.0 ** (settings.weak_threshold / 10.0)
         )
-        flags = (snr_decibel < settings.weak_threshold).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
+        flags = (snr_decibel < self._detection).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
         for flag, raised in (
             (Flag.CLIPPED, clipped(sweeps.samples, full_scale)),
             (Flag.NEAR_DC, frequency < self._edges[0]),
@@ -454,6 +469,23 @@ def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
     count = np.maximum((samples == highest[:, None]).sum(axis=1), (samples == lowest[:, None]).sum(axis=1))
     usual = np.sqrt(2.0 / np.maximum(amplitude, 1.0)) / np.pi
     return at_limit | ((amplitude >= 4.0) & (count > 3.0 * usual * samples.shape[1]))
+
+
+def has_burst(record: np.ndarray, windowed: bool) -> np.ndarray:
+    """Return which sweeps (B, N) hold a burst: a few blocks with far more energy than the median one.
+
+    A line, a second one 6 dB weaker and white noise together stay below twice the median; a block of white noise alone
+    reaches 2.4 times the median once in 1e6 sweeps. Where a window (`windowed`) weighs the sweep's start with next to
+    nothing, its first sixteenth, in which a receiver settles, does not count.
+    """
+    count = record.shape[1] // _BLOCK
+    if count < 2 * _SETTLING_SHARE:
+        return np.zeros(len(record), bool)
+    used = record[:, : count * _BLOCK]
+    squared = used.real**2 + used.imag**2 if np.iscomplexobj(used) else used * used
+    energy = squared.reshape(len(record), count, _BLOCK)[:, count // _SETTLING_SHARE if windowed else 0 :].sum(axis=2)
+    energy.partition(energy.shape[1] // 2, axis=1)
+    return energy.max(axis=1) > _BURST * np.maximum(energy[:, energy.shape[1] // 2], _BLOCK)
 
 
 def _fft_length(count: int) -> int:

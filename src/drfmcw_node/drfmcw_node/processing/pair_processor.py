@@ -1,6 +1,7 @@
 """Sweeps of both stations in, beat frequencies of both out, evaluated together."""
 
 import collections
+import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,6 +30,7 @@ class PairProcessor(StationProcessor):
         """Start without anything waiting; arguments as for `StationProcessor`."""
         super().__init__(*args, **kwargs)
         self._waiting: collections.OrderedDict[tuple, Sweep] = collections.OrderedDict()
+        self._newest: dict[tuple[str, str], tuple[int, int]] = {}  # sweep number and checksum of the samples
         self._waited: dict[tuple, Sweep] = {}  # at the last call of give_up
         self._pair_estimators: dict[tuple, PairEstimator | str] = {}
         self.pairs = 0
@@ -92,6 +94,10 @@ class PairProcessor(StationProcessor):
         """Return the sweeps to evaluate alone, and pairs (first station's, second station's)."""
         alone, unpaired, pairs = [], [], []
         for sweep in sweeps:
+            if self._repeats(sweep):
+                self.sweeps += 1
+                self.dropped[f'samples of {sweep.station} are those of the sweep before'] += 1
+                continue
             if sweep.peer == sweep.station:
                 alone.append(sweep)
                 continue
@@ -109,6 +115,14 @@ class PairProcessor(StationProcessor):
         self.unpaired += len(unpaired)
         alone += unpaired
         return alone, [self._in_order(pair) for pair in pairs]
+
+    def _repeats(self, sweep: Sweep) -> bool:
+        """Return whether a sweep's buffer was read twice; a joint estimate does not show it."""
+        samples = np.asarray(sweep.samples)
+        seen = sweep.sweep_id, zlib.crc32(samples)
+        before = self._newest.get((sweep.station, sweep.peer))
+        self._newest[sweep.station, sweep.peer] = seen
+        return before is not None and before[0] != seen[0] and before[1] == seen[1] and len(set(samples.tolist())) > 1
 
     def _in_order(self, pair: tuple[Sweep, Sweep]) -> tuple[Sweep, Sweep]:
         """Return the first station's sweep first, where the settings are known."""

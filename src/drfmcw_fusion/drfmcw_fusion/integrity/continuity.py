@@ -1,0 +1,291 @@
+"""Whether a range continues the movement before it, within the declared limits of the crane.
+
+In: one sweep's delay and range. Out: its velocity, and whether the range continues the track. States are immutable, so
+that a late sweep is put in order by going back to the state before it.
+"""
+
+import dataclasses
+import math
+
+from ..combination import PathDelay
+from ..tracking import UNKNOWN, Motion, VelocityTracker
+from .checks import PASSED, Decision, Test, Verdict, refuse
+from .settings import IntegritySettings
+
+GATE = 4.5
+"""Standard deviations of an innovation beyond which a range does not continue its track: 7e-6 of false alarms."""
+
+_SMALLEST_GAIN = 1.0 / 16.0  # of a new range on the track: follows slow errors of the model
+_SCATTER_LENGTH = 24  # innovations whose median shows the scatter
+_SCATTER_MINIMUM = 12  # and how many it takes
+_SCATTER_DOUBT = 3.0  # times the stated standard deviation
+_SCATTER_REFUSAL = 5.0
+_MEDIAN = 0.6745  # of the absolute value of a normal deviate
+_SUPPORT = 5  # ranges that a track needs to refuse another one for good
+_STEADY = 10  # ranges that a shorter track needs to be taken for the direct path
+_LARGEST_Z = 100.0
+_SETTLED = 8  # sweeps after which a track's velocity predicts the next phase
+_PHASE_ACCELERATION = 2.0  # times the largest one, for what the velocity lags behind
+_LONGEST_PHASE_STEP = 0.2  # [s]
+_PHASE_SHARE = 0.15  # of a range's standard deviation, that a phase may be off its prediction; its own is 0.01
+_LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """What the crane can do."""
+
+    velocity: float  # [m/s]
+    acceleration: float  # [m/s^2]
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """One sweep, as the track takes it in."""
+
+    stamp: int  # [ns]
+    path: PathDelay
+    standing_range: float  # with the Doppler shift still in it [m]
+    std: float  # of the range [m]
+    index: float  # refractive index of the air [1]
+    doppler: float  # by which the velocity lengthens the range [m per m/s]
+    setting: tuple[int, float]  # mode and start delay
+    doubt: float = 0.0  # what failed tests add to `std`, as a square [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Track:
+    """Where a sequence of ranges that continue each other has led."""
+
+    tracker: VelocityTracker
+    measured: Measured  # the newest sweep
+    position: float  # filtered range [m]
+    variance: float  # of it [m^2]
+    count: int  # sweeps
+    begin: int  # stamp of the first [ns]
+    moved: float  # since then [m]
+    slack: float  # by which that may be wrong [m]
+    known: bool  # the velocity was confirmed, so that `position` has no Doppler shift in it
+    scatter: tuple[float, ...] = ()  # newest innovations over their standard deviations
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """What is known about a pair's movement after a sweep."""
+
+    main: Track
+    other: Track | None = None  # ranges that do not continue the main track, but each other
+    seen: int = 0  # stamp of the newest sweep [ns]
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What a sweep's range is worth."""
+
+    motion: Motion
+    verdict: Verdict
+    gate: float  # innovation that would have been refused [m]
+    scale: float = 1.0  # of the innovations over what the standard deviations say
+
+
+def begin(measured: Measured, limits: Limits) -> tuple[State, Outcome]:
+    """Return the state after the first sweep, which nothing can test."""
+    track, motion = _fresh(measured, limits)
+    return State(track, seen=measured.stamp), Outcome(motion, PASSED, math.inf)
+
+
+def follow(state: State, measured: Measured, limits: Limits, settings: IntegritySettings) -> tuple[State, Outcome]:
+    """Return the state after a sweep, and what its range is worth.
+
+    Args:
+        state: after the sweep before.
+        measured: the sweep, with a later stamp.
+        limits: of the crane.
+        settings: of the monitor.
+    """
+    if (measured.stamp - state.seen) * 1e-9 > settings.restart_pause:
+        tracker, motion = _updated(state.main.tracker, measured, restart=True)
+        return State(_track(tracker, measured, motion), seen=measured.stamp), Outcome(motion, PASSED, math.inf)
+    scale = _scale(state.main.scatter)
+    track, motion, innovation, std, slack = _extended(state.main, state.other, measured, limits)
+    gate = GATE * max(scale, 1.0) * std + slack
+    if not settings.monitor:
+        return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
+    verdict = _scatter_verdict(scale, measured.std)
+    if abs(innovation) <= gate and _phases_continue(state.main, track, measured, limits):
+        # however it is distributed, an error as large as the innovation stays within its standard deviation
+        least = (abs(innovation) - slack) / _LARGEST_SHARE
+        if least > math.hypot(measured.std, measured.doubt, verdict.std):
+            verdict = dataclasses.replace(verdict, std=math.hypot(verdict.std, least))
+        if state.other is not None and slack > _LARGEST_SHARE * std:  # it may as well belong to neither
+            verdict &= refuse(Test.CONTINUITY)
+        return State(track, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+    other = _other(state, measured, limits)
+    verdict &= refuse(Test.CONTINUITY)
+    if _takes_over(state.main, other, innovation, settings):
+        motion = other.tracker.coast(measured.stamp)
+        return State(other, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+    main = state.main
+    if other.count == 1:  # it continues nothing: scatter, not another path
+        main = dataclasses.replace(main, scatter=track.scatter)
+    return State(main, other, measured.stamp), Outcome(motion, verdict, gate, scale)
+
+
+def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:
+    """Return whether the carrier phase went on as the largest acceleration allows.
+
+    Phases are a hundred times as accurate as ranges, and what is wrong with a sweep leaves them anywhere within a half
+    wavelength.
+    """
+    step = (measured.stamp - before.measured.stamp) * 1e-9
+    if step > _LONGEST_PHASE_STEP:
+        return True  # ranges alone must do
+    velocity, displacement = before.tracker.coast(measured.stamp).velocity, after.tracker.last_step()
+    if before.count < _SETTLED or not (before.known and after.known and math.isfinite(displacement - velocity)):
+        return True
+    most = _PHASE_ACCELERATION * limits.acceleration * step**2 + _PHASE_SHARE * measured.std
+    return abs(displacement - velocity * step) <= most
+
+
+def _takes_over(main: Track, other: Track, innovation: float, settings: IntegritySettings) -> bool:
+    """Return whether the other track is the one to follow.
+
+    The direct path is the shortest, so a steady shorter range replaces a longer one; a longer one never does while
+    sweeps go on, unless too few sweeps ever supported the shorter.
+    """
+    if not other.known or _scale(other.scatter) > _SCATTER_DOUBT:
+        return False
+    if other.count >= _SUPPORT and main.count < _SUPPORT:
+        return True
+    steady = (other.measured.stamp - other.begin) * 1e-9 >= settings.shorter_time and other.count >= _STEADY
+    return innovation < 0.0 and steady
+
+
+def _other(state: State, measured: Measured, limits: Limits) -> Track:
+    """Return the other track with a sweep that does not continue the main one; a new one where it continues neither."""
+    if state.other is not None:
+        track, _, innovation, std, slack = _extended(state.other, None, measured, limits)
+        if abs(innovation) <= GATE * std + slack:
+            return track
+    # the crane moves on as before, wherever the range has gone
+    tracker, motion = _updated(state.main.tracker.branch(), measured)
+    return _track(tracker, measured, motion)
+
+
+def _fresh(measured: Measured, limits: Limits) -> tuple[Track, Motion]:
+    tracker, motion = _updated(VelocityTracker(limits.velocity, limits.acceleration), measured)
+    return _track(tracker, measured, motion), motion
+
+
+def _track(tracker: VelocityTracker, measured: Measured, motion: Motion) -> Track:
+    """Return the track that begins with a sweep."""
+    position, variance = _corrected(measured, motion), measured.std**2
+    return Track(tracker, measured, position, variance, 1, measured.stamp, 0.0, 0.0, _known(motion))
+
+
+def _updated(tracker: VelocityTracker, measured: Measured, restart: bool = False) -> tuple[VelocityTracker, Motion]:
+    """Return a copy of a tracker that has taken in a sweep, and the velocity."""
+    copied = tracker.copy()
+    if restart:
+        copied.restart()
+    motion = copied.update(measured.stamp, measured.path, measured.standing_range, measured.std, measured.index)
+    return copied, motion
+
+
+def _corrected(measured: Measured, motion: Motion) -> float:
+    velocity = motion.velocity if math.isfinite(motion.velocity) else 0.0
+    return measured.standing_range - measured.doppler * velocity
+
+
+def _extended(
+    track: Track, other: Track | None, measured: Measured, limits: Limits
+) -> tuple[Track, Motion, float, float, float]:
+    """Return the track with a sweep in it, the velocity, the innovation [m], its standard deviation, and its slack.
+
+    The slack is how far the crane may have moved beyond what is known. Where the carrier phases were followed it is
+    nothing; where the velocity alone is known, what the largest acceleration does; else what the largest velocity does.
+    While another track goes on, its phases show how the crane moves since it began.
+    """
+    step = (measured.stamp - track.measured.stamp) * 1e-9
+    tracker, motion = _updated(track.tracker, measured, restart=track.measured.setting != measured.setting)
+    displacement, prior = tracker.last_step(), track.tracker.coast(measured.stamp)
+    if not _known(motion) and _known(prior):  # a range that has jumped says nothing about the velocity
+        tracker, motion = _updated(track.tracker.branch(), measured)
+        displacement = math.nan
+    slack, known = 0.0, _known(motion)
+    if other is not None:
+        tracker, motion, displacement, slack = _beside(track, other, measured, limits, (tracker, motion))
+        known = _known(motion)
+    elif not (known and track.known) or not math.isfinite(displacement):
+        displacement, slack = _coasted(prior, step, limits)
+    settled = known and track.known
+    if not settled:
+        slack += abs(measured.doppler) * limits.velocity
+    velocity_std = measured.doppler * motion.velocity_std if known and math.isfinite(motion.velocity_std) else 0.0
+    own = math.hypot(measured.std, velocity_std, measured.doubt)
+    predicted = track.position + displacement
+    variance = track.variance + (slack / 3.0) ** 2
+    innovation = _corrected(measured, motion) - predicted
+    std = max(math.sqrt(track.variance + own**2), 1e-9)
+    gain = max(variance / (variance + own**2 + 1e-18), _SMALLEST_GAIN) if settled else 1.0
+    extended = Track(
+        tracker,
+        measured,
+        predicted + gain * innovation,
+        (1.0 - gain) ** 2 * variance + (gain * own) ** 2,
+        track.count + 1,
+        track.begin,
+        track.moved + displacement,
+        track.slack + slack,
+        known,
+        (*track.scatter, min(max(abs(innovation) - slack, 0.0) / std, _LARGEST_Z))[-_SCATTER_LENGTH:],
+    )
+    return extended, motion, innovation, std, slack
+
+
+def _beside(
+    track: Track, other: Track, measured: Measured, limits: Limits, own: tuple[VelocityTracker, Motion]
+) -> tuple[VelocityTracker, Motion, float, float]:
+    """Return (tracker, velocity, displacement [m], slack [m]) since a track's last sweep while another one goes on.
+
+    The crane came from the one to the other, and on as the other's phases show.
+    """
+    gap = (other.begin - track.measured.stamp) * 1e-9
+    displacement, slack = _coasted(track.tracker.coast(other.begin), gap, limits)
+    following, motion, innovation, std, room = _extended(other, None, measured, limits)
+    if other.known and following.known and abs(innovation) <= GATE * std + room:
+        return following.tracker, motion, displacement + following.moved, slack + following.slack
+    last = (measured.stamp - other.measured.stamp) * 1e-9
+    further, more = _coasted(other.tracker.coast(measured.stamp), last, limits)
+    return *own, displacement + other.moved + further, slack + other.slack + more
+
+
+def _known(motion: Motion) -> bool:
+    return motion.confirmed and math.isfinite(motion.velocity)
+
+
+def _coasted(motion: Motion, time: float, limits: Limits) -> tuple[float, float]:
+    """Return how far the crane came in `time` [s], and how far off that may be, (displacement, slack) [m]."""
+    if motion.confirmed and math.isfinite(motion.velocity):
+        return motion.velocity * time, min(0.5 * limits.acceleration * time**2, limits.velocity * abs(time))
+    return 0.0, limits.velocity * abs(time)
+
+
+def _scale(scatter: tuple[float, ...]) -> float:
+    """Return the scatter of the newest innovations over what their standard deviations say."""
+    if len(scatter) < _SCATTER_MINIMUM:
+        return 1.0
+    return sorted(scatter)[len(scatter) // 2] / _MEDIAN
+
+
+def _scatter_verdict(scale: float, std: float) -> Verdict:
+    if scale > _SCATTER_REFUSAL:
+        return refuse(Test.SCATTER)
+    if scale > _SCATTER_DOUBT:
+        return Verdict(Decision.DOUBTFUL, Test.SCATTER, std * math.sqrt(scale**2 - 1.0))
+    return PASSED
+
+
+def coasting(state: State, stamp: int) -> Motion:
+    """Return the velocity at a stamp [ns] without taking in a sweep."""
+    return state.main.tracker.coast(stamp) if state else UNKNOWN

@@ -1,0 +1,156 @@
+"""A wrong range is never published as valid: each fault that the data show is doubted or refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scenes import record, scene
+
+from drfmcw_fusion.combination import PathDelay
+from drfmcw_fusion.integrity import continuity
+from drfmcw_fusion.integrity.checks import Decision, Test
+from drfmcw_fusion.integrity.continuity import Limits, Measured
+from drfmcw_fusion.integrity.monitor import PairMonitor
+from drfmcw_fusion.integrity.settings import IntegritySettings
+from drfmcw_fusion.offline import replay_recording
+from drfmcw_fusion.pipeline import Flag
+from drfmcw_node.estimators.estimation import EstimatorSettings, has_burst
+from drfmcw_node.estimators.registry import estimator
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.sweep import SweepSettings
+from drfmcw_study.campaign.faults import faults
+from drfmcw_study.campaign.measuring import Case, measure
+from drfmcw_study.campaign.report import bound
+
+Test.__test__ = False  # a name of the monitor's, no test class
+START = 1_700_000_000_000_000_000
+REFUSED = Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY
+
+# a lasting shift of 17 mm is not yet refused at 300 m: docs/reliability.md
+FAULTS = [fault for fault in faults() if fault.name not in ('none', 'samples shifted')]
+
+
+@pytest.mark.parametrize('fault', FAULTS, ids=lambda f: f'{f.name}, {f.size}'.replace(' ', '_'))
+def test_fault_makes_no_wrong_range_valid(fault):
+    """Sixty clean sweeps, then forty with the fault: no valid range is off by more than five standard deviations.
+
+    Seeded. A valid range of a harmless fault is off by so much in 6e-7 of all sweeps.
+    """
+    found = measure(Case(fault, 300.0, 'ml', 0.0, 40, 3))
+    assert found.wrong == 0
+    assert found.beyond == 0
+
+
+@pytest.mark.parametrize('speed', [0.0, 1.5])
+@pytest.mark.parametrize('name', ['ml', 'hann'])
+def test_clean_sweeps_stay_valid(speed, name):
+    """Refusals of 1e-4 a sweep at most: none among 200 but for a probability of 2 %; the seed is fixed."""
+    found = measure(Case(faults()[0], 300.0, name, speed, 200, 5))
+    assert (found.valid, found.wrong, found.beyond) == (200, 0, 0)
+
+
+@pytest.mark.parametrize('name', ['paper', 'hann', 'ml'])
+def test_noise_alone_is_no_line(name):
+    """4000 sweeps of noise: at 1e-6 each one is accepted with a probability of 0.4 %; 13 dB alone lets some pass."""
+    calibration = Calibration('master', noise_floor=-140.7, phase_noise_level=-90.0, phase_noise_corner=200e3)
+    chosen = estimator(SweepSettings('master', 'slave'), EstimatorSettings(estimator=name), False, *[calibration] * 2)
+    noise = np.rint(np.random.default_rng(4).normal(0.0, 21.6, (4000, 2048))).astype(np.int16)
+    assert (chosen(noise, 32767.0).flags & 1).all()
+
+
+def test_burst_is_seen_and_a_line_is_none():
+    t = np.arange(2048)
+    lines = 1000.0 * np.cos(2 * np.pi * np.array([[0.006], [0.1], [0.33], [0.49]]) * t)
+    lines += np.random.default_rng(5).normal(0.0, 200.0, lines.shape)
+    assert not has_burst(lines, True).any()
+    lines[:, 900:940] *= 5.0
+    assert has_burst(lines, True).all()
+
+
+def measured(number, distance, interval=0.02, std=1e-3, phase=None):
+    """One sweep of a crane at `distance`; the carrier phase repeats every 25.84 mm."""
+    half_wave = 299792458.0 / 5.8e9 / 2.0
+    phase = 2.0 * math.pi * distance / half_wave if phase is None else phase
+    path = PathDelay(0.0, 0.0, std / 3e8, math.remainder(phase, 2.0 * math.pi), 5e-4, 5.8e9)
+    return Measured(START + round(number * interval * 1e9), path, distance, std, 1.0, 0.0387, (0, 3.41e-6))
+
+
+def judged(ranges, **kwargs):
+    monitor = PairMonitor(Limits(10.0, 0.3), IntegritySettings())
+    return [monitor.follow(measured(i, r, **kwargs)).verdict.decision for i, r in enumerate(ranges)]
+
+
+def test_longer_range_never_replaces_a_shorter_one():
+    """The direct path is blocked, an echo 10 m longer takes its place: refused for as long as sweeps go on."""
+    decisions = judged([100.0] * 50 + [110.0] * 1000)
+    assert decisions[:50] == [Decision.VALID] * 50
+    assert set(decisions[50:]) == {Decision.REFUSED}
+
+
+def test_direct_path_that_comes_back_is_valid_soon():
+    decisions = judged([100.0] * 50 + [110.0] * 200 + [100.0] * 10)
+    assert decisions[254:] == [Decision.VALID] * 6
+
+
+def test_steady_shorter_range_replaces_a_longer_one():
+    """An echo was tracked, then the direct path is free: after two seconds it is followed, not before."""
+    decisions = judged([110.0] * 50 + [100.0] * 200)
+    assert set(decisions[50:150]) == {Decision.REFUSED}
+    assert decisions[-20:] == [Decision.VALID] * 20
+
+
+def test_pause_makes_any_distance_possible():
+    monitor = PairMonitor(Limits(10.0, 0.3), IntegritySettings())
+    for i in range(50):
+        monitor.follow(measured(i, 100.0))
+    assert monitor.follow(measured(5000, 400.0)).verdict.decision == Decision.VALID
+
+
+def test_late_sweeps_are_put_in_order():
+    """A link that reorders: every sweep gets the verdict and nearly the velocity of the ordered sequence."""
+    rng = np.random.default_rng(6)
+    number = np.arange(300)
+    ranges = 100.0 + 1.5 * number * 0.02
+    order = np.argsort(number + rng.uniform(0.0, 12.0, len(number)))
+    monitor = PairMonitor(Limits(10.0, 0.3), IntegritySettings())
+    found = {}
+    for i in order.tolist():
+        found[i] = monitor.follow(
+            measured(i, ranges[i] + 0.0387 * 1.5, phase=4 * math.pi * 5.8e9 / 299792458.0 * ranges[i])
+        )
+    late = [found[i] for i in range(60, 300)]
+    assert all(j.verdict.decision == Decision.VALID for j in late)
+    assert all(abs(j.motion.velocity - 1.5) < 1e-3 for j in late if j.motion.confirmed)
+    assert sum(j.motion.confirmed for j in late) > 0.95 * len(late)
+
+
+def test_protection_level_is_infinite_where_refused():
+    monitor = PairMonitor(Limits(10.0, 0.3), IntegritySettings())
+    judgements = [monitor.follow(measured(i, 100.0 if i < 50 else 101.0)) for i in range(51)]
+    assert judgements[49].protection_level(1e-3) < 0.015
+    assert judgements[50].protection_level(1e-3) == math.inf
+    assert judgements[50].verdict.failed == Test.CONTINUITY
+
+
+def test_states_of_a_track_are_never_changed():
+    """Going back to an earlier state is what puts late sweeps in order."""
+    state, _ = continuity.begin(measured(0, 100.0), Limits(10.0, 0.3))
+    before = dataclasses.astuple(dataclasses.replace(state.main, tracker=None))
+    first = continuity.follow(state, measured(1, 100.0), Limits(10.0, 0.3), IntegritySettings())[1]
+    assert dataclasses.astuple(dataclasses.replace(state.main, tracker=None)) == before
+    assert continuity.follow(state, measured(1, 100.0), Limits(10.0, 0.3), IntegritySettings())[1] == first
+
+
+def test_settings_without_monitor_leave_ranges_alone(tmp_path):
+    path = str(record(scene({'standing': {'distances': [100.0], 'sweeps': 30}}), tmp_path / 'r'))
+    results = replay_recording(path).results
+    assert all(r.failed_tests == 0 for r in results)
+    assert all(math.isfinite(r.protection_level) for r in results[8:])
+    assert all(r.integrity_risk == 1e-5 for r in results)
+
+
+def test_bound_of_a_rate():
+    """No failure in n trials bounds the rate by about 3/n (the rule of three)."""
+    assert bound(0, 1000) == pytest.approx(3.0 / 1000, rel=0.01)
+    assert bound(5, 5) == 1.0
