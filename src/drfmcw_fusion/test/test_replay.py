@@ -29,9 +29,12 @@ REAL = SHARED / 'real'
 RANGE = 'drfmcw_msgs/msg/RangeEstimate'
 
 
-def run(module, *arguments):
+MODULES = {'replay': 'drfmcw_fusion.replay', 'info': 'drfmcw_ros.bag.info'}
+
+
+def run(subcommand, *arguments):
     """Run a command line; return (exit status, stdout, stderr)."""
-    command = [sys.executable, '-m', f'drfmcw_fusion.{module}', *map(str, arguments)]
+    command = [sys.executable, '-m', MODULES[subcommand], *map(str, arguments)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=100)
     return ended.returncode, ended.stdout, ended.stderr
 
