@@ -22,6 +22,7 @@ class Station:
     calibration_temperature: float = 25.0  # [degC]
     full_scale: float = 8192.0  # [LSB]
     iq: bool = False
+    slope: float = 0.0  # by which the received signal falls, linearly in dB, from the ramp's start to its end [dB]
 
     @property
     def name(self) -> str:

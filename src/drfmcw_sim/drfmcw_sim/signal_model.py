@@ -206,6 +206,15 @@ def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence[Effec
     return bent
 
 
+def _amplitude(own: Station, path: Path, g: Geometry) -> np.ndarray:
+    """Return the amplitude of what a station hears over a path, float32 [n, samples] or [n, 1] [LSB]."""
+    amplitude = (own.amplitude(own.received_power) * path.amplitude)[:, None]
+    if own.slope:
+        per_sample = own.slope / 20.0 * own.alpha * g.step / own.sweep.ramp_duration
+        amplitude = amplitude * 10.0 ** (-per_sample[:, None] * np.arange(own.sweep.sample_count))
+    return amplitude.astype(np.float32)
+
+
 def _receive(
     m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence[Effect]
 ) -> np.ndarray:
@@ -229,7 +238,7 @@ def _receive(
         if shaping:
             each = angle.reshape(-1, len(single), count)
             each += _shaped(single, receiver, geometry(single, receiver, single_path), shaping)
-        amplitude = (own.amplitude(own.received_power) * path.amplitude).astype(np.float32)[:, None]
+        amplitude = _amplitude(own, path, g)
         begin, end = overlap(m, receiver, g)
         if own.iq:
             heard = np.empty(shape, np.float32)

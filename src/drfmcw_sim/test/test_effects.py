@@ -47,6 +47,7 @@ INTERFACE = {
     'phase_noise': ('station', {'level': 'dBc/Hz', 'corner': 'Hz'}),
     'noise_floor': ('station', {'excess': 'dB'}),
     'amplitude_loss': ('path', {'loss': 'dB', 'specific': 'dB/km'}),
+    'amplitude_slope': ('station', {'slope': 'dB'}),
     'target_motion': ('path', {'velocity': 'm/s'}),
     'sway': ('path', {'amplitude': 'm', 'frequency': 'Hz'}),
     'slant_geometry': ('path', {'height_difference': 'm'}),
@@ -91,7 +92,7 @@ SIZES = {
 DISCRETE = {('interference_burst', 'probability'), ('interference_burst', 'duration')}
 ON_RECEIVER_ONLY = (
     'sample_clock_offset', 'tx_leakage', 'spur', 'noise_floor', 'clipping', 'compression', 'if_filter',
-    'interference_burst',
+    'interference_burst', 'amplitude_slope',
 )  # fmt: skip
 EFFECTS = sorted(INTERFACE)
 
@@ -604,6 +605,22 @@ def test_bursts_are_as_frequent_long_and_strong_as_declared():
 
 
 # --- receivers ---
+
+
+def test_received_signal_falls_over_the_ramp():
+    """The line's logarithmic amplitude has the slope over the station's own ramp, with an echo too; noise has none."""
+    m = measured(2, waveform={'iq': True}, alphas=(1.0, 1.0))
+    entry = sized('amplitude_slope', slope=3.0)
+    with_echo = sized('echo', excess_range=7.5, relative_power=-20.0)
+    for others in ([], [with_echo]):
+        before, after = (analogue(m, made(entries))[1][:, BOTH_ON] for entries in (others, [*others, entry]))
+        time = np.arange(2048)[BOTH_ON] / RATE
+        fitted = np.polyfit(time / 1e-3, 20.0 * np.log10(np.abs(after / before)).T, 1)
+        assert fitted[0] == pytest.approx(-3.0, abs=1e-4)
+        assert fitted[1] == pytest.approx(0.0, abs=1e-4)
+    for station in m.stations:
+        station.received_power[:] = -300.0
+    assert np.array_equal(synthesise(m, SEED)[1], synthesise(m, SEED, made([entry]))[1])
 
 
 def received(entry, signal, iq=False):

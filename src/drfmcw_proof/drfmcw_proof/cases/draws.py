@@ -106,6 +106,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},
+        'amplitude_slope': lambda: {'slope': sign},
         'target_motion': lambda: {'velocity': velocities(random, n)},
         'sway': lambda: {'amplitude': 1.0, 'frequency': float(uniform(0.2, 0.9))},
         'slant_geometry': lambda: {'height_difference': 1.0},

@@ -98,6 +98,12 @@ def _amplitude_loss(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
     scene.gain = scene.gain - p.get('loss', 0.0) - p.get('specific', 0.0) * scene.distance / 1e3
 
 
+@kind('amplitude_slope', 'station', {'slope': 'dB'}, linear('slope', 0.02, 30.0))
+def _amplitude_slope(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        scene.fall[s] += p['slope']
+
+
 # --- motion and geometry ---
 
 

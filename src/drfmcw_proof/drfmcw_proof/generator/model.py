@@ -188,6 +188,7 @@ class Scene:
     reference_errors: list[Callable[[np.ndarray], np.ndarray]] = dataclasses.field(default_factory=list)
     burst_power: list[tuple[int, float, float, float]] = dataclasses.field(default_factory=list)
     own_phases: list[tuple[int, int, int]] = dataclasses.field(default_factory=list)  # stream, number, station
+    fall: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0])  # of rays over the own ramp [dB]
     advance: float = 0.0  # of these phases from those drawn, as in another realisation [turns]
 
     def __len__(self) -> int:
@@ -295,7 +296,7 @@ def _wander(random: np.random.Generator, n: int) -> np.ndarray:
 class Heard:
     """What one station hears over one ray, over the record and `margin` samples before and after it."""
 
-    amplitude: np.ndarray  # [rows, 1] [LSB]
+    amplitude: np.ndarray  # [rows, 1], or [rows, margin + samples + margin] where it falls over the ramp [LSB]
     turns: np.ndarray  # [rows, margin + samples + margin] phase of the IF, float64, not wrapped
     u: np.ndarray  # [rows, samples] since the own sweep start [s]
     off: tuple[np.ndarray, np.ndarray]  # [rows, _EDGE] at either end of the record: True where one chirp is off
@@ -336,11 +337,13 @@ def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> 
             turns += shape(a * u)
         for shape in scene.chirp[peer]:
             turns -= shape(b * v)
+    amplitude = scene.amplitude(station, rows)[:, None] * ray.amplitude
+    if scene.fall[station]:
+        amplitude = amplitude * np.exp(-math.log(10.0) / 20.0 * scene.fall[station] * (a * u / c.ramp_duration))
     u = u[:, margin : margin + c.sample_count]
     first, last = d[:, :1], d[:, -1:]  # a crane moves nanometres while a chirp begins
     on = np.maximum(first, 0.0), np.minimum(c.ramp_duration / a, c.ramp_duration / b + last)
     off = tuple((u[:, part] < on[0]) | (u[:, part] > on[1]) for part in (slice(None, _EDGE), slice(-_EDGE, None)))
-    amplitude = scene.amplitude(station, rows)[:, None] * ray.amplitude
     return Heard(amplitude, turns, u, (off[0], off[1]), on, d[:, d.shape[1] // 2])
 
 
