@@ -53,6 +53,7 @@ INTERFACE = {
     'slant_geometry': ('path', {'height_difference': 'm'}),
     'clipping': ('station', {'level': 'dBFS'}),
     'compression': ('station', {'third_order': '1'}),
+    'second_order_distortion': ('station', {'second_order': '1'}),
     'if_filter': ('station', {'pole': 'Hz'}),
     'interference_burst': ('station', {'probability': '1', 'level': 'dBFS', 'duration': 's'}),
     'reference_lag': ('reference', {'lag': 's'}),
@@ -83,6 +84,7 @@ SIZES = {
     'sway': {'amplitude': 0.005, 'frequency': 0.7, 'phase': 0.4},
     'phase_noise': {'level': -80.0, 'corner': 1e5},
     'compression': {'third_order': 0.3},
+    'second_order_distortion': {'second_order': 0.3},
     'tx_leakage': {'level': -45.0},
     'spur': {'frequency': 3e5, 'level': -45.0},
     'target_motion': {'velocity': [0.3]},
@@ -92,7 +94,7 @@ SIZES = {
 DISCRETE = {('interference_burst', 'probability'), ('interference_burst', 'duration')}
 ON_RECEIVER_ONLY = (
     'sample_clock_offset', 'tx_leakage', 'spur', 'noise_floor', 'clipping', 'compression', 'if_filter',
-    'interference_burst', 'amplitude_slope',
+    'interference_burst', 'amplitude_slope', 'second_order_distortion',
 )  # fmt: skip
 EFFECTS = sorted(INTERFACE)
 
@@ -650,6 +652,18 @@ def test_compression_makes_a_third_harmonic():
             signal = received(sized('compression', third_order=0.2), tone(8192.0 * a, cycles)) / 8192.0
             assert line(signal, cycles) == pytest.approx(a - 0.75 * 0.2 * a**3, abs=1e-6)
             assert line(signal, third) == pytest.approx(-0.25 * 0.2 * a**3, abs=1e-6)
+
+
+def test_second_order_makes_a_second_harmonic_and_a_mean():
+    """x + c x^2 of A cos: c A^2 / 2 at 2f and as the mean, also where 2f aliases; -20 log10(c A / 2) below the line."""
+    for cycles, second in ((100, 200), (700, 2048 - 1400)):
+        for a in (1.0, 0.5):
+            signal = received(sized('second_order_distortion', second_order=-0.2), tone(8192.0 * a, cycles)) / 8192.0
+            assert line(signal, cycles) == pytest.approx(a, abs=1e-6)
+            assert line(signal, second) == pytest.approx(-0.5 * 0.2 * a**2, abs=1e-6)
+            assert np.mean(signal) == pytest.approx(-0.5 * 0.2 * a**2, abs=1e-6)
+            below = 20.0 * math.log10(abs(line(signal, cycles)) / abs(line(signal, second)))
+            assert below == pytest.approx(-20.0 * math.log10(0.2 * a / 2.0), abs=1e-3)
 
 
 def test_clipping_is_a_limiter():

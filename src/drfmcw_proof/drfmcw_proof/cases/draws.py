@@ -112,6 +112,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         'slant_geometry': lambda: {'height_difference': 1.0},
         'clipping': lambda: {'level': -25.0},
         'compression': lambda: {'third_order': sign},
+        'second_order_distortion': lambda: {'second_order': sign},
         'if_filter': lambda: {'pole': 1e6},
         'interference_burst': lambda: {
             'probability': float(uniform(0.05, 0.3)),
@@ -130,7 +131,6 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'temperature': float(np.median(condition.board_temperature[condition.names.index(str(station))])),
         },
         'fan_modulation': lambda: {'depth': 1.0, 'rate': between(3e3, 3e4), 'duty': float(uniform(0.1, 0.5))},
-        'second_harmonic': lambda: {'second_order': sign},
         'delay_hysteresis': lambda: {'slope': sign, 'time_constant': between(40.0, 200.0)},
         'adc_dither': lambda: {'amplitude': 1.0, 'period': float(uniform(5.0, 40.0))},
         'dropped_samples': lambda: {'count': int(random.integers(1, 4)), 'time': float(uniform(2e-4, 8e-4))},

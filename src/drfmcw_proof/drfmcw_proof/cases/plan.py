@@ -170,7 +170,7 @@ def _single(
     name: str, random: np.random.Generator, effect: str, d: float | None, extent: Extent, group: str = 'single'
 ) -> Plan:
     condition = random_condition(random, extent)
-    if effect in ('clipping', 'compression', 'second_harmonic', 'missing_codes'):
+    if effect in ('clipping', 'compression', 'second_order_distortion', 'missing_codes'):
         condition = dataclasses.replace(condition, full_scale_power=-35.0)  # a receiver that uses its range
     parts = template(random, effect, condition)
     wanted = [Wanted(p) for p in parts[:-1]] + [Wanted(parts[-1], None if effect in _FIXED else d)]

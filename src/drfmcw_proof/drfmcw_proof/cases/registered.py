@@ -264,6 +264,15 @@ def _compression(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None
         scene.analogue[s].append((Stage.AMPLIFIER, hook))
 
 
+@kind('second_order_distortion', 'station', {'second_order': '1'}, linear('second_order', 0.003, 20.0))
+def _second_order_distortion(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return (x * (1.0 + p['second_order'] * (x / scene.condition.full_scale))).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
 @kind('clipping', 'station', {'level': 'dBFS'}, Size('level', lambda s: -20.0 * math.log10(s), 3.0, 0.5, 1e3))
 def _clipping(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
