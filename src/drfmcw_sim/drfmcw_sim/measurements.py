@@ -51,6 +51,12 @@ class Path:
     rate: np.ndarray  # [n] [s/s]
     acceleration: np.ndarray  # [n] [s/s^2]
     amplitude: np.ndarray  # [n] relative to the direct path, negative where the sign is reversed [1]
+    phase: float = 0.0  # by which a reflector turns the carrier back, as a longer way does [turns]
+
+    def rows(self, rows: slice | np.ndarray) -> 'Path':
+        """Return a copy for some of the measurements."""
+        arrays = (x[rows].copy() for x in (self.delay, self.rate, self.acceleration, self.amplitude))
+        return Path(*arrays, self.phase)
 
 
 @dataclasses.dataclass
@@ -87,7 +93,7 @@ class Measurements:
             )
             for s in self.stations
         )
-        paths = [Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths]
+        paths = [path.rows(rows) for path in self.paths]
         return dataclasses.replace(
             self,
             stations=stations,

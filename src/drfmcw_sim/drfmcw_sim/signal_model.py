@@ -38,6 +38,7 @@ class Geometry:
     rate: np.ndarray  # [s/s]
     acceleration: np.ndarray  # [s/s^2]
     step: np.ndarray  # true time between the receiver's samples [s]
+    phase: float = 0.0  # of the IF beyond that of the delay [turns]
 
     def peer_time(self, count: int) -> np.ndarray:
         """Return v [n, count], the peer's own time whose chirp each sample mixes with [s]."""
@@ -63,7 +64,7 @@ def geometry(m: Measurements, receiver: int, path: Path) -> Geometry:
     else:
         start, between = m.start_delay, -m.start_delay
     offset = between + path.delay + path.rate * start + 0.5 * path.acceleration * start * start
-    return Geometry(offset, path.rate + path.acceleration * start, path.acceleration, step)
+    return Geometry(offset, path.rate + path.acceleration * start, path.acceleration, step, path.phase)
 
 
 def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
@@ -80,7 +81,7 @@ def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
     k_own, k_peer = own.alpha**2 * own.sweep.chirp_rate, peer.alpha**2 * peer.sweep.chirp_rate
     # D_a / 2 pi = f_own u + k_own u^2/2 - f_peer v - k_peer v^2/2, multiplied out; u^4 is left out, 2e-17 turns
     # with an acceleration of 10 m/s^2
-    c0 = f_peer * d - 0.5 * k_peer * d * d
+    c0 = f_peer * d - 0.5 * k_peer * d * d + g.phase
     if len(m.stations) == 2:
         c0 = c0 + m.initial_phase[receiver] - m.initial_phase[1 - receiver]
     c1 = ((f_own - f_peer) + f_peer * r + k_peer * d * (1.0 - r)) * h

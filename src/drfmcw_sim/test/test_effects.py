@@ -38,7 +38,7 @@ INTERFACE = {
     'delay_offset': ('path', {'delay': 'ns'}),
     'delay_temperature': ('station', {'slope': 'ps/K'}),
     'ground_reflection': ('path', {'height_product': 'm^2', 'coefficient': '1'}),
-    'echo': ('path', {'excess_range': 'm', 'relative_power': 'dB'}),
+    'echo': ('path', {'excess_range': 'm', 'relative_power': 'dB', 'phase': 'rad'}),
     'tx_leakage': ('station', {'level': 'dBFS'}),
     'spur': ('station', {'frequency': 'Hz', 'level': 'dBFS'}),
     'sweep_curvature': ('station', {'deviation': 'Hz'}),
@@ -62,7 +62,7 @@ INTERFACE = {
 }
 # Parameters that make an effect vanish, where they are not zero.
 NOTHING = {
-    'echo': {'relative_power': -200.0, 'excess_range': 7.5},
+    'echo': {'relative_power': -200.0, 'excess_range': 7.5, 'phase': 1.0},
     'ground_reflection': {'coefficient': 0.0, 'height_product': 50.0},
     'tx_leakage': {'level': -200.0},
     'spur': {'level': -200.0, 'frequency': 3e5},
@@ -80,6 +80,7 @@ NOTHING = {
 SIZES = {
     'reference_clock_drift': {'rate': 8.0, 'warmup': 2.0, 'time_constant': 300.0},
     'amplitude_loss': {'loss': 3.0, 'specific': 10.0},
+    'echo': {'excess_range': 7.5, 'relative_power': -30.0, 'phase': 0.8},
     'sweep_ripple': {'deviation': 500.0, 'rate': 9000.0, 'phase': 2.2},
     'sway': {'amplitude': 0.005, 'frequency': 0.7, 'phase': 0.4},
     'phase_noise': {'level': -80.0, 'corner': 1e5},
@@ -492,6 +493,26 @@ def test_two_paths_interfere():
     for nominal, both, alone in zip(analogue(m), analogue(m, effects), analogue(longer), strict=True):
         amplitude = np.abs(nominal[0, 1000])
         assert np.max(np.abs((both - nominal + 0.3 * alone)[:, BOTH_ON])) < 1e-6 * amplitude
+
+
+@pytest.mark.parametrize('homodyne', [False, True])
+def test_phase_of_an_echo_is_that_of_a_longer_way(homodyne):
+    """An echo of excess L and phase 2 pi f_c dL / c is one of L + dL at both stations, but for the delay of dL.
+
+    The frequency that is heard lies within 75 MHz of the centre f_c: a fifth of a wave is 1.3 % of 2 pi / 5 off there.
+    """
+    m = measured(2, waveform={'iq': True}, homodyne=homodyne)
+    wave = C / m.refractive_index[0] / CENTER
+    echo = {'effect': 'echo', 'excess_range': 7.5, 'relative_power': -20.0}
+    longer = made([echo | {'excess_range': 7.5 + 0.2 * wave}])
+    turned = made([echo | {'phase': 0.4 * math.pi}])
+    opposite = made([echo | {'phase': -0.4 * math.pi}])
+    for nominal, way, phase, wrong in zip(*(analogue(m, e) for e in ((), longer, turned, opposite)), strict=True):
+        way, phase, wrong = (s[:, BOTH_ON] - nominal[:, BOTH_ON] for s in (way, phase, wrong))
+        angle = np.angle(way * np.conj(phase))
+        assert np.max(np.abs(angle)) < 1.1 * 0.4 * math.pi * 75e6 / CENTER
+        assert np.max(np.abs(np.mean(angle, axis=1))) < 2e-3  # at the centre nothing is left
+        assert np.min(np.abs(np.angle(way * np.conj(wrong)))) > 2.0
 
 
 def test_motion_shifts_the_combined_beat_frequency():

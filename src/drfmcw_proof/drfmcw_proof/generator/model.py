@@ -139,7 +139,7 @@ class Ray:
 
     length: Callable[[np.ndarray], np.ndarray]
     amplitude: float = 1.0
-    phase: float = 0.0  # of the reflection, by which the received wave leads [rad]
+    phase: float = 0.0  # of the reflection, by which the received wave lags, as over a longer way [rad]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -330,7 +330,7 @@ def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> 
     turns = (0.5 * c.chirp_rate) * (a + b) * u
     turns += c.start_frequency - (0.5 * c.chirp_rate) * b * d
     turns *= w
-    turns += scene.phase[station, rows, None] - scene.phase[peer, rows, None] - ray.phase / (2.0 * math.pi)
+    turns += scene.phase[station, rows, None] - scene.phase[peer, rows, None] + ray.phase / (2.0 * math.pi)
     if scene.chirp[station] or scene.chirp[peer]:
         v = u - d
         for shape in scene.chirp[station]:
