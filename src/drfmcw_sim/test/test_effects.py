@@ -39,7 +39,7 @@ INTERFACE = {
     'delay_temperature': ('station', {'slope': 'ps/K'}),
     'ground_reflection': ('path', {'height_product': 'm^2', 'coefficient': '1'}),
     'echo': ('path', {'excess_range': 'm', 'relative_power': 'dB', 'phase': 'rad'}),
-    'tx_leakage': ('station', {'level': 'dBFS'}),
+    'tx_leakage': ('station', {'level': 'dBFS', 'delay': 'ns'}),
     'spur': ('station', {'frequency': 'Hz', 'level': 'dBFS'}),
     'sweep_curvature': ('station', {'deviation': 'Hz'}),
     'sweep_ripple': ('station', {'deviation': 'Hz', 'rate': 'Hz'}),
@@ -86,7 +86,7 @@ SIZES = {
     'phase_noise': {'level': -80.0, 'corner': 1e5},
     'compression': {'third_order': 0.3},
     'second_order_distortion': {'second_order': 0.3},
-    'tx_leakage': {'level': -45.0},
+    'tx_leakage': {'level': -45.0, 'delay': 30.0},
     'spur': {'frequency': 3e5, 'level': -45.0},
     'target_motion': {'velocity': [0.3]},
     'interference_burst': {'probability': 1.0, 'level': -45.0, 'duration': 3e-4},
@@ -685,6 +685,22 @@ def test_second_order_makes_a_second_harmonic_and_a_mean():
             assert np.mean(signal) == pytest.approx(-0.5 * 0.2 * a**2, abs=1e-6)
             below = 20.0 * math.log10(abs(line(signal, cycles)) / abs(line(signal, second)))
             assert below == pytest.approx(-20.0 * math.log10(0.2 * a / 2.0), abs=1e-3)
+
+
+def test_leakage_is_a_line_at_its_delay():
+    """A constant without delay; with one a line at k delay, its phase f_0 delay less half of what the chirp adds."""
+    level = 8192.0 * 10 ** (-40.0 / 20)
+    constant = received(sized('tx_leakage', level=-40.0), np.zeros(2048))
+    assert constant[:2048] == pytest.approx(level)
+    for delay in (40e-9, 700e-9):
+        added = received(sized('tx_leakage', level=-40.0, delay=1e9 * delay), np.zeros((2048, 2)), iq=True)
+        wave = added[:, 0] + 1j * added[:, 1]
+        first = math.ceil(delay * RATE)  # before, the leaked chirp has not arrived
+        assert not wave[:first].any()
+        turns = np.arange(first, 2048) / RATE * CHIRP * delay + 5.725e9 * delay - 0.5 * CHIRP * delay**2
+        assert np.max(np.abs(wave[first:] - level * np.exp(2j * np.pi * turns))) < 1e-4
+        real = received(sized('tx_leakage', level=-40.0, delay=1e9 * delay), np.zeros(2048))
+        assert np.array_equal(real, added[:, 0])
 
 
 def test_clipping_is_a_limiter():

@@ -217,13 +217,16 @@ def _interference_burst(scene: Scene, stations: tuple[int, ...], p: Parameters) 
 # --- receiver ---
 
 
-@kind('tx_leakage', 'station', {'level': 'dBFS'}, decibel('level', -85.0, -120.0, -20.0))
+@kind('tx_leakage', 'station', {'level': 'dBFS', 'delay': 'ns'}, decibel('level', -85.0, -120.0, -20.0))
 def _tx_leakage(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
-    # a chirp mixed with itself without delay: a constant for as long as it is on
+    # a chirp mixed with itself: for as long as it is on a constant, or the line of its delay
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        u = scene.step(station)[rows, None] * np.arange(x.shape[1])
-        on = scene.alpha[station, rows, None] * u <= scene.condition.ramp_duration
-        return x + (full_scale(scene, p['level']) * on).astype(x.dtype)
+        c, late = scene.condition, 1e-9 * p.get('delay', 0.0)
+        own = scene.alpha[station, rows, None] * scene.step(station)[rows, None] * np.arange(x.shape[1])
+        before = own - scene.alpha[station, rows, None] * late  # what the clock said when it left
+        on = (before >= 0.0) & (own <= c.ramp_duration)
+        turns = (own - before) * (c.start_frequency + 0.5 * c.chirp_rate * (own + before))
+        return x + (full_scale(scene, p['level']) * on * np.cos(2.0 * math.pi * turns)).astype(x.dtype)
 
     for s in stations:
         scene.analogue[s].append((Stage.INPUT, hook))
