@@ -23,6 +23,7 @@ class Station:
     full_scale: float = 8192.0  # [LSB]
     iq: bool = False
     slope: float = 0.0  # by which the received signal falls, linearly in dB, from the ramp's start to its end [dB]
+    noise_behind: bool = False  # the additive noise enters behind the filters of the IF path
 
     @property
     def name(self) -> str:

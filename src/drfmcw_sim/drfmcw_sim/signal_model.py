@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from . import oscillator
-from .effects import Effect
+from .effects import Effect, Stage
 from .measurements import Measurements, Path, Station
 from .random_streams import Purpose, normal_pairs, stream
 
@@ -219,8 +219,9 @@ def _amplitude(own: Station, path: Path, g: Geometry) -> np.ndarray:
 def _receive(
     m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence[Effect]
 ) -> np.ndarray:
-    """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
+    """Return the analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
 
+    It carries the noise, without the additive one where that enters behind the filters.
     Where `m` holds copies that differ in their initial phases alone, `single` is the first of them.
     """
     own = m.stations[receiver]
@@ -228,7 +229,10 @@ def _receive(
     sample = np.arange(count)
     shape = (len(m), count, 2) if own.iq else (len(m), count)
     shaping = [e for e in effects if e.shapes_chirp]
-    signal = np.zeros(shape, np.float32) if noise is None else noise.additive[receiver].reshape(shape)
+    if noise is None or own.noise_behind:
+        signal = np.zeros(shape, np.float32)
+    else:
+        signal = noise.additive[receiver].reshape(shape)
     for path, single_path in zip(m.paths, single.paths, strict=True):
         g = geometry(m, receiver, path)
         angle = if_phase(m, receiver, g).astype(np.float32)
@@ -302,9 +306,15 @@ def synthesise(
         drawn = _draw_noise(chunk, generators) if noise else None
         for receiver, station in enumerate(chunk.stations):
             signal = _receive(chunk, single, drawn, receiver, effects)
+            pending = drawn.additive[receiver] if drawn and station.noise_behind else None
             for effect, number in zip(effects, numbers, strict=True):
+                if pending is not None and effect.stage > Stage.FILTER:
+                    signal += pending.reshape(signal.shape)
+                    pending = None
                 if effect.applies_to(station.name):
                     effect.receive(signal, station, chunk, _streams(seed, chunk, receiver, number))
+            if pending is not None:
+                signal += pending.reshape(signal.shape)
             samples = quantise(signal, station.full_scale) if quantised else signal
             if begin == 0:
                 results.append(np.empty((len(m), *samples.shape[1:]), samples.dtype))

@@ -54,7 +54,7 @@ INTERFACE = {
     'clipping': ('station', {'level': 'dBFS'}),
     'compression': ('station', {'third_order': '1'}),
     'second_order_distortion': ('station', {'second_order': '1'}),
-    'if_filter': ('station', {'pole': 'Hz'}),
+    'if_filter': ('station', {'pole': 'Hz', 'noise_behind': '1'}),
     'interference_burst': ('station', {'probability': '1', 'level': 'dBFS', 'duration': 's'}),
     'reference_lag': ('reference', {'lag': 's'}),
     'reference_offset': ('reference', {'offset': 'm'}),
@@ -104,6 +104,11 @@ def sized(name, **parameters):
     """The entry of a scenario's list for one effect, at the slave where it belongs to a station."""
     parameters = parameters or SIZES.get(name) or example_of(Effect.registry[name])
     return {'effect': name} | ({'station': 'slave'} if INTERFACE[name][0] == 'station' else {}) | parameters
+
+
+def flags(name):
+    """Names of the parameters of an effect that are true or false."""
+    return {f.name for f in dataclasses.fields(Effect.registry[name]) if f.type in (bool, 'bool')}
 
 
 def made(effects):
@@ -195,7 +200,7 @@ def test_effect_is_declared(name):
     assert cls.acts_on and cls.headline and cls.title and isinstance(cls.of, Of)
     for parameter, (_, declared) in declared_parameters(cls).items():
         assert declared.description and declared.unit, parameter
-        assert math.isfinite(sum(declared.bounds)), parameter
+        assert math.isfinite(sum(declared.bounds)) or parameter in flags(name), parameter
 
 
 @pytest.mark.parametrize('name', EFFECTS)
@@ -240,7 +245,12 @@ def test_acts_at_its_station_only(name):
 
 @pytest.mark.parametrize(
     ('name', 'parameter'),
-    [(n, p) for n in EFFECTS for p in declared_parameters(Effect.registry[n]) if (n, p) not in DISCRETE],
+    [
+        (n, p)
+        for n in EFFECTS
+        for p in declared_parameters(Effect.registry[n])
+        if (n, p) not in DISCRETE and p not in flags(n)
+    ],
 )
 def test_smooth_in_each_parameter(name, parameter):
     """Finite differences of two step sizes agree, so that the effect has a derivative, and it is not zero."""
@@ -304,7 +314,8 @@ def test_works_with_every_receiver_and_ramp(name):
 def test_refuses_what_is_out_of_bounds(name):
     """One clear line that names the effect, the parameter and its bounds."""
     for parameter, (_, declared) in declared_parameters(Effect.registry[name]).items():
-        for wrong in (declared.bounds[0] - 1.0 - abs(declared.bounds[0]), declared.bounds[1] * 2.0 + 1.0, 'much'):
+        low, high = (0.0, 1.0) if parameter in flags(name) else declared.bounds
+        for wrong in (low - 1.0 - abs(low), high * 2.0 + 1.0, 'much'):
             with pytest.raises(ConfigurationError) as refusal:
                 made([sized(name) | {parameter: wrong}])
             message = str(refusal.value)
@@ -747,6 +758,17 @@ def test_filter_acts_on_noise_too():
     nyquist = RATE / 2.0
     expected = 2e5 / nyquist * math.atan(nyquist / 2e5)
     assert np.var(filtered[:, 100:-48]) / np.var(noise[:, 100:-48]) == pytest.approx(expected, rel=0.03)
+    behind = synthesise(m, SEED, made([sized('if_filter', pole=2e5, noise_behind=True)]), quantised=False)[1]
+    assert np.allclose(behind, noise, atol=1e-6)
+    m = measured(2)  # the signal is filtered all the same, and an amplifier sees both
+    for station in m.stations:
+        station.phase_noise = None
+    entries = [sized('if_filter', pole=2e5), sized('compression', third_order=50.0)]
+    behind = [entries[0] | {'noise_behind': True}, entries[1]]
+    assert np.array_equal(analogue(m, made(entries))[1], analogue(m, made(behind))[1])
+    signal = analogue(m, made(entries[:1]))[1] + (synthesise(m, SEED, quantised=False)[1] - analogue(m)[1])
+    whole = synthesise(m, SEED, made(behind), quantised=False)[1]
+    assert np.max(np.abs(whole - signal * (1.0 - 50.0 * (signal / 8192.0) ** 2))) < 1e-3
 
 
 def test_filter_lies_before_amplifier_and_adc():

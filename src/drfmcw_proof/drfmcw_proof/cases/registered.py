@@ -247,7 +247,7 @@ def _spur(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
         scene.analogue[s].append((Stage.INPUT, hook))
 
 
-@kind('if_filter', 'station', {'pole': 'Hz'}, Size('pole', lambda s: 1.0 / s, 1e-8, 1e-9, 1e-4))
+@kind('if_filter', 'station', {'pole': 'Hz', 'noise_behind': '1'}, Size('pole', lambda s: 1.0 / s, 1e-8, 1e-9, 1e-4))
 def _if_filter(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     def response(frequency: np.ndarray) -> np.ndarray:
         return 1.0 / (1.0 + 1j * frequency / p['pole'])
@@ -255,6 +255,7 @@ def _if_filter(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     for s in stations:
         scene.responses[s].append(response)
         scene.poles[s].append(p['pole'])
+        scene.noise_behind[s] |= bool(p.get('noise_behind', False))
 
 
 @kind('compression', 'station', {'third_order': '1'}, linear('third_order', 0.01, 20.0))

@@ -184,6 +184,7 @@ class Scene:
     digital: tuple[list[AnalogueHook], list[AnalogueHook]] = dataclasses.field(default_factory=lambda: ([], []))
     responses: tuple[list[Any], list[Any]] = dataclasses.field(default_factory=lambda: ([], []))  # f(|Hz|), complex
     poles: tuple[list[float], list[float]] = dataclasses.field(default_factory=lambda: ([], []))
+    noise_behind: list[bool] = dataclasses.field(default_factory=lambda: [False, False])  # the filters
     reference_lag: float = 0.0
     reference_errors: list[Callable[[np.ndarray], np.ndarray]] = dataclasses.field(default_factory=list)
     burst_power: list[tuple[int, float, float, float]] = dataclasses.field(default_factory=list)
@@ -438,7 +439,7 @@ class _Oscillators:
 def receive(scene: Scene, station: int, rows: Rows, rays: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Return what stands before the ADC, from filtered rays and white noise; [rows, samples] [LSB]."""
     hooks = sorted(scene.analogue[station], key=lambda pair: pair[0])
-    signal = noise
+    signal = np.zeros_like(noise) if scene.noise_behind[station] else noise
     for stage, hook in hooks:
         if stage is Stage.INPUT:
             signal = hook(scene, station, rows, signal)
@@ -446,6 +447,8 @@ def receive(scene: Scene, station: int, rows: Rows, rays: np.ndarray, noise: np.
         frequency = np.fft.rfftfreq(signal.shape[1]) / scene.step(station)[rows, None]
         signal = fft.irfft(fft.rfft(signal) * response(frequency), signal.shape[1])
     signal = signal + rays
+    if scene.noise_behind[station]:
+        signal = signal + noise
     for stage, hook in hooks:
         if stage is not Stage.INPUT:
             signal = hook(scene, station, rows, signal)
