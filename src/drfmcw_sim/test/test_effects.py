@@ -53,6 +53,9 @@ INTERFACE = {
     'slant_geometry': ('path', {'height_difference': 'm'}),
     'clipping': ('station', {'level': 'dBFS'}),
     'compression': ('station', {'third_order': '1'}),
+    'ac_coupling': ('station', {'pole': 'Hz'}),
+    'receiver_settling': ('station', {'level': 'dBFS', 'time_constant': 's'}),
+    'iq_imbalance': ('station', {'gain': 'dB', 'phase': 'deg'}),
     'second_order_distortion': ('station', {'second_order': '1'}),
     'if_filter': ('station', {'pole': 'Hz', 'noise_behind': '1'}),
     'interference_burst': ('station', {'probability': '1', 'level': 'dBFS', 'duration': 's'}),
@@ -73,6 +76,7 @@ NOTHING = {
     'amplitude_loss': {},
     'clipping': {'level': 20.0},
     'if_filter': {'pole': 1e17},
+    'receiver_settling': {'level': -200.0, 'time_constant': 1e-4},
     'interference_burst': {'probability': 0.0, 'level': -10.0, 'duration': 1e-4},
     'sway': {'amplitude': 0.0, 'frequency': 1.0},
 }
@@ -86,6 +90,7 @@ SIZES = {
     'phase_noise': {'level': -80.0, 'corner': 1e5},
     'compression': {'third_order': 0.3},
     'second_order_distortion': {'second_order': 0.3},
+    'receiver_settling': {'level': -45.0, 'time_constant': 1e-4},
     'tx_leakage': {'level': -45.0, 'delay': 30.0},
     'spur': {'frequency': 3e5, 'level': -45.0},
     'target_motion': {'velocity': [0.3]},
@@ -95,7 +100,8 @@ SIZES = {
 DISCRETE = {('interference_burst', 'probability'), ('interference_burst', 'duration')}
 ON_RECEIVER_ONLY = (
     'sample_clock_offset', 'tx_leakage', 'spur', 'noise_floor', 'clipping', 'compression', 'if_filter',
-    'interference_burst', 'amplitude_slope', 'second_order_distortion',
+    'interference_burst', 'amplitude_slope', 'second_order_distortion', 'ac_coupling',
+    'receiver_settling', 'iq_imbalance',
 )  # fmt: skip
 EFFECTS = sorted(INTERFACE)
 
@@ -229,7 +235,7 @@ def test_size_of_zero_changes_no_bit(name):
 @pytest.mark.parametrize('name', [n for n in EFFECTS if INTERFACE[n][0] == 'station'])
 def test_acts_at_its_station_only(name):
     """An effect of a third station changes no bit; one of the slave's receiver none of the master's samples."""
-    m = measured(4)
+    m = measured(4, waveform={'iq': name == 'iq_imbalance'})
     nominal = synthesise(m, SEED)
     for a, b in zip(nominal, synthesise(m, SEED, made([sized(name) | {'station': 'third'}])), strict=True):
         assert np.array_equal(a, b)
@@ -746,6 +752,50 @@ def test_filter_halves_the_power_at_its_pole():
             kernel = np.hanning(1000) * np.exp(-1j * sign * wave[middle])
             filtered = np.sum(both[middle] * kernel) / np.sum(np.hanning(1000)) / 1000.0
             assert filtered == pytest.approx(expected if sign > 0 else np.conj(expected), abs=2e-5)
+
+
+def test_coupling_passes_a_line_and_forgets_a_constant():
+    """j f / (pole + j f) of a line; a step decays to 1/e in 1 / (2 pi pole), also over many times the record.
+
+    The step is that of a record that begins: band-limited, it counts from half a sample before its first sample, and
+    the cut at Nyquist rings by pole / (f_s / 2) / (pi n) n samples from it.
+    """
+    middle, n = slice(500, 1500), np.arange(2048)
+    for pole, frequency in ((3e5, 3e5), (3e4, 1e5), (1e3, 8e5), (30.0, 3e5)):
+        wave = 2.0 * np.pi * frequency / RATE * n
+        expected = 1j * frequency / (pole + 1j * frequency)
+        kernel = np.hanning(1000) * np.exp(-1j * wave[middle])
+        passed = received(sized('ac_coupling', pole=pole), 1000.0 * np.cos(wave))
+        found = np.sum(passed[middle] * kernel) / np.sum(np.cos(wave[middle]) * kernel) / 1000.0
+        assert found == pytest.approx(expected, abs=5e-5)
+        step = received(sized('ac_coupling', pole=pole), np.full(2048, 1000.0))
+        decay = 1000.0 * np.exp(-2.0 * np.pi * pole * (n + 0.5) / RATE)
+        ringing = 1000.0 * pole / (RATE / 2) / np.pi / np.minimum(n + 1.0, 2048.0 - n)
+        assert np.all(np.abs(step - decay)[20:-20] < ringing[20:-20] + 0.01)
+
+
+def test_settling_is_an_exponential():
+    """Its level as the sweep starts, 1/e of it a time constant later, in I alone."""
+    added = received(sized('receiver_settling', level=-40.0, time_constant=2e-4), np.zeros(2048))
+    assert added == pytest.approx(81.92 * np.exp(-np.arange(2048) / RATE / 2e-4), rel=1e-5)
+    both = received(sized('receiver_settling', level=-40.0, time_constant=2e-4), np.zeros((2048, 2)), iq=True)
+    assert np.array_equal(both[:, 0], added) and not both[:, 1].any()
+
+
+def test_imbalance_makes_an_image():
+    """Q is cos(D - 90 deg - phase), gain times: (1 + g exp(-j phase)) / 2 at f, (1 - g exp(j phase)) / 2 at -f."""
+    turn = 2.0 * np.pi * 100.0 * np.arange(2048) / 2048
+    stacked = 1000.0 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    for gain, phase in ((0.5, 2.0), (-1.0, 0.0), (0.0, -5.0)):
+        found = received(sized('iq_imbalance', gain=gain, phase=phase), stacked, iq=True)
+        g, angle = 10.0 ** (gain / 20.0), math.radians(phase)
+        assert found[:, 0] == pytest.approx(stacked[:, 0], abs=1e-4)
+        assert found[:, 1] == pytest.approx(1000.0 * g * np.cos(turn - math.pi / 2 - angle), abs=1e-3)
+        spectrum = np.fft.fft(found[:, 0] + 1j * found[:, 1]) / 2048 / 1000.0
+        assert spectrum[100] == pytest.approx(0.5 * (1.0 + g * np.exp(-1j * angle)), abs=1e-6)
+        assert spectrum[-100] == pytest.approx(0.5 * (1.0 - g * np.exp(1j * angle)), abs=1e-6)
+    real = tone(1000.0, 100).astype(np.float32)
+    assert np.array_equal(received(sized('iq_imbalance', gain=1.0, phase=5.0), real), real)
 
 
 def test_filter_acts_on_noise_too():

@@ -112,6 +112,8 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         'slant_geometry': lambda: {'height_difference': 1.0},
         'clipping': lambda: {'level': -25.0},
         'compression': lambda: {'third_order': sign},
+        'ac_coupling': lambda: {'pole': 1e3},
+        'receiver_settling': lambda: {'level': -75.0, 'time_constant': between(1e-5, 3e-4)},
         'second_order_distortion': lambda: {'second_order': sign},
         'if_filter': lambda: {'pole': 1e6},
         'interference_burst': lambda: {

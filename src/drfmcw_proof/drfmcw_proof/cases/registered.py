@@ -3,11 +3,13 @@
 import math
 
 import numpy as np
+from scipy import fft
 
 from ..generator.model import Motion, Ray, Scene, Stage, Stream
 from .kinds import KINDS, Parameters, Size, decibel, deviate, full_scale, kind, linear
 
 _BURST, _SPUR = 1, 2  # streams of random numbers
+_LONGEST_SILENCE = 1 << 17  # samples behind a record in which a capacitor discharges
 
 
 # --- clocks ---
@@ -256,6 +258,32 @@ def _if_filter(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
         scene.responses[s].append(response)
         scene.poles[s].append(p['pole'])
         scene.noise_behind[s] |= bool(p.get('noise_behind', False))
+
+
+@kind('ac_coupling', 'station', {'pole': 'Hz'}, linear('pole', 1e3, 1e7))
+def _ac_coupling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        # silence until the capacitor's charge is gone, or for as long as there is memory
+        silence = min(16.0 * scene.condition.sample_rate / (2.0 * math.pi * p['pole']), _LONGEST_SILENCE)
+        period = fft.next_fast_len(x.shape[1] + math.ceil(silence), real=True)
+        frequency = np.fft.rfftfreq(period) / scene.step(station)[rows, None]
+        passed = fft.rfft(x, period) * (1j * frequency / (1j * frequency + p['pole']))
+        return fft.irfft(passed, period)[:, : x.shape[1]].astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.COUPLING, hook))
+
+
+@kind(
+    'receiver_settling', 'station', {'level': 'dBFS', 'time_constant': 's'}, decibel('level', -75.0, -120.0, -10.0)
+)
+def _receiver_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        per_sample = np.exp(-scene.step(station)[rows, None] / p['time_constant'])
+        return x + (full_scale(scene, p['level']) * per_sample ** np.arange(x.shape[1])).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.INPUT, hook))
 
 
 @kind('compression', 'station', {'third_order': '1'}, linear('third_order', 0.01, 20.0))

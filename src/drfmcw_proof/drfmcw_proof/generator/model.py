@@ -47,8 +47,9 @@ class Stage(enum.IntEnum):
     """Order in which effects meet the IF signal; what is added at the input passes the IF filter."""
 
     INPUT = 0
-    AMPLIFIER = 1
-    LIMITER = 2
+    COUPLING = 1
+    AMPLIFIER = 2
+    LIMITER = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -447,10 +448,13 @@ def receive(scene: Scene, station: int, rows: Rows, rays: np.ndarray, noise: np.
         frequency = np.fft.rfftfreq(signal.shape[1]) / scene.step(station)[rows, None]
         signal = fft.irfft(fft.rfft(signal) * response(frequency), signal.shape[1])
     signal = signal + rays
+    for stage, hook in hooks:
+        if stage is Stage.COUPLING:
+            signal = hook(scene, station, rows, signal)
     if scene.noise_behind[station]:
         signal = signal + noise
     for stage, hook in hooks:
-        if stage is not Stage.INPUT:
+        if stage > Stage.COUPLING:
             signal = hook(scene, station, rows, signal)
     return signal
 
