@@ -44,6 +44,7 @@ INTERFACE = {
     'sweep_curvature': ('station', {'deviation': 'Hz'}),
     'sweep_ripple': ('station', {'deviation': 'Hz', 'rate': 'Hz'}),
     'pll_settling': ('station', {'step': 'Hz', 'natural_frequency': 'Hz', 'damping': '1'}),
+    'sweep_rate': ('station', {'error': '%'}),
     'phase_noise': ('station', {'level': 'dBc/Hz', 'corner': 'Hz'}),
     'noise_floor': ('station', {'excess': 'dB'}),
     'amplitude_loss': ('path', {'loss': 'dB', 'specific': 'dB/km'}),
@@ -447,6 +448,20 @@ def test_shaped_chirps_against_the_time_domain(name, parameters, error, bandwidt
         difference = np.angle(signal[0, sample]) / (2.0 * np.pi) - turns
         difference = (difference - np.rint(difference)).astype(float)
         assert np.max(np.abs(2.0 * np.pi * difference)) < 1e-6
+
+
+@pytest.mark.parametrize('homodyne', [False, True])
+@pytest.mark.parametrize('bandwidth', [150e6, -150e6])
+def test_rate_is_that_of_another_bandwidth(bandwidth, homodyne):
+    """0.4 % too slow at every station: the phases of a ramp of 0.4 % less bandwidth that starts where this one does."""
+    waveform = {'iq': True, 'bandwidth': bandwidth}
+    stated, slow = (
+        measured(2, 300.0, homodyne=homodyne, waveform=waveform | {'bandwidth': b})
+        for b in (bandwidth, 0.996 * bandwidth)
+    )
+    effects = made([{'effect': 'sweep_rate', 'error': -0.4}])
+    for a, b in zip(analogue(stated, effects), analogue(slow), strict=True):
+        assert np.max(np.abs(np.angle(a[:, BOTH_ON] * np.conj(b[:, BOTH_ON])))) < 1e-6
 
 
 def test_ripple_in_closed_form():

@@ -103,6 +103,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'natural_frequency': between(8e3, 4e4),
             'damping': float(uniform(0.2, 0.7)),
         },
+        'sweep_rate': lambda: {'error': sign},
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},
@@ -168,8 +169,8 @@ def _alike(condition: Condition, effect: Applied) -> tuple[str, str | None] | No
     """Return what changes the data as an effect does, whatever its size."""
     if effect.effect in TWINS:
         return TWINS[effect.effect], None
-    if effect.effect in ('reference_clock_offset', 'reference_clock_drift'):
-        # an IF knows the difference of the references only, but for 1e-6 of it
+    if effect.effect in ('reference_clock_offset', 'reference_clock_drift', 'sweep_rate'):
+        # an IF knows the difference of the references or the rates only, but for 1e-6 of it
         return effect.effect, other_station(condition, effect.station)
     return None
 

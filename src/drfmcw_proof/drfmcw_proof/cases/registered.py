@@ -174,6 +174,12 @@ def _pll_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> Non
         scene.chirp[s].append(phase)
 
 
+@kind('sweep_rate', 'station', {'error': '%'}, linear('error', 1e-6, 10.0))
+def _sweep_rate(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        scene.chirp[s].append(lambda t: 0.5e-2 * p['error'] * scene.condition.chirp_rate * t * t)
+
+
 # --- noise ---
 
 

@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
-    """Exponential in the IF from the sweep's start (a switched amplifier, a coupling capacitor), alike in each sweep."""
+    """Exponential in the IF from the sweep's start (a switched amplifier, a capacitor), alike in each sweep."""
 
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) exp(−t / time_constant), s full scale'
