@@ -1,6 +1,7 @@
 """True state of stations and paths in a batch of measurements: what effects change, and IF signals are made from."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -23,6 +24,7 @@ class Station:
     full_scale: float = 8192.0  # [LSB]
     iq: bool = False
     slope: float = 0.0  # by which the received signal falls, linearly in dB, from the ramp's start to its end [dB]
+    straight: tuple[float, float] = (0.0, math.inf)  # when the ramp is straight, since its start in own time [s]
     noise_behind: bool = False  # the additive noise enters behind the filters of the IF path
 
     @property
@@ -33,6 +35,12 @@ class Station:
     def amplitude(self, power: np.ndarray) -> np.ndarray:
         """Return the amplitude [LSB] of a sine of `power` [dBm] at the antenna port."""
         return self.full_scale * 10.0 ** ((power - self.sweep.full_scale_power) / 20.0)
+
+    @property
+    def on(self) -> tuple[np.ndarray, np.ndarray]:
+        """The true times since the sweep start between which there is something of the ramp to receive ([n], [n]) [s]."""
+        first, last = self.straight
+        return first / self.alpha, min(last, self.sweep.ramp_duration) / self.alpha
 
     def noise_std(self) -> np.ndarray:
         """Return the standard deviation of the additive noise in each real or I or Q sample [LSB].

@@ -114,11 +114,13 @@ def _own_and_peer(m: Measurements, receiver: int) -> tuple[Station, Station]:
 def overlap(m: Measurements, receiver: int, g: Geometry) -> tuple[np.ndarray, np.ndarray]:
     """Return the (first, end) sample numbers [n] between which both chirps are present at the receiver's mixer."""
     own, peer = _own_and_peer(m, receiver)
-    last = np.minimum(g.crossing(peer.sweep.ramp_duration / peer.alpha), own.sweep.ramp_duration / own.alpha)
-    begin = np.ceil(np.maximum(g.crossing(0.0), 0.0) / g.step - 1e-9)
+    (begins, ends), (peer_begins, peer_ends) = own.on, peer.on
+    last = np.minimum(g.crossing(peer_ends), ends)
+    begin = np.ceil(np.maximum(g.crossing(peer_begins), begins) / g.step - 1e-9)
     end = np.floor(last / g.step + 1e-9) + 1
     limit = own.sweep.sample_count
-    return np.clip(begin, 0, limit).astype(int), np.clip(end, 0, limit).astype(int)
+    begin = np.clip(begin, 0, limit).astype(int)
+    return begin, np.maximum(np.clip(end, 0, limit).astype(int), begin)
 
 
 @dataclasses.dataclass(frozen=True)

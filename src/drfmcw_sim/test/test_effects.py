@@ -45,6 +45,7 @@ INTERFACE = {
     'sweep_ripple': ('station', {'deviation': 'Hz', 'rate': 'Hz'}),
     'pll_settling': ('station', {'step': 'Hz', 'natural_frequency': 'Hz', 'damping': '1'}),
     'sweep_rate': ('station', {'error': '%'}),
+    'ramp_window': ('station', {'start': 's', 'end': 's'}),
     'phase_noise': ('station', {'level': 'dBc/Hz', 'corner': 'Hz'}),
     'noise_floor': ('station', {'excess': 'dB'}),
     'amplitude_loss': ('path', {'loss': 'dB', 'specific': 'dB/km'}),
@@ -73,6 +74,7 @@ NOTHING = {
     'sweep_ripple': {'deviation': 0.0, 'rate': 5e3},
     'pll_settling': {'step': 0.0, 'natural_frequency': 2e4, 'damping': 0.5},
     'phase_noise': {},
+    'ramp_window': {},
     'reference_clock_drift': {},
     'amplitude_loss': {},
     'clipping': {'level': 20.0},
@@ -98,7 +100,10 @@ SIZES = {
     'interference_burst': {'probability': 1.0, 'level': -45.0, 'duration': 3e-4},
 }
 # What a step does not move smoothly: an event, and its length in whole samples.
-DISCRETE = {('interference_burst', 'probability'), ('interference_burst', 'duration')}
+DISCRETE = {
+    ('interference_burst', 'probability'), ('interference_burst', 'duration'),
+    ('ramp_window', 'start'), ('ramp_window', 'end'),
+}  # fmt: skip
 ON_RECEIVER_ONLY = (
     'sample_clock_offset', 'tx_leakage', 'spur', 'noise_floor', 'clipping', 'compression', 'if_filter',
     'interference_burst', 'amplitude_slope', 'second_order_distortion', 'ac_coupling',
@@ -462,6 +467,23 @@ def test_rate_is_that_of_another_bandwidth(bandwidth, homodyne):
     effects = made([{'effect': 'sweep_rate', 'error': -0.4}])
     for a, b in zip(analogue(stated, effects), analogue(slow), strict=True):
         assert np.max(np.abs(np.angle(a[:, BOTH_ON] * np.conj(b[:, BOTH_ON])))) < 1e-6
+
+
+def test_nothing_of_a_ramp_is_received_outside_of_its_window():
+    """Own samples by the own clock, the other's by its clock, when its chirp arrives; inside, every bit as it was."""
+    m = measured(1, alphas=(1.0, 1.0), waveform={'iq': True})
+    start, end = 50.2e-6, 900.3e-6
+    tau, offset = m.paths[0].delay[0], m.start_delay[0]
+    for name, late in (('slave', (tau + offset, 0.0)), ('master', (0.0, tau - offset))):  # when it counts zero
+        entry = {'effect': 'ramp_window', 'station': name, 'start': start, 'end': end}
+        for receiver, shift in enumerate(late):
+            before, after = (analogue(m, made(entries))[receiver][0] for entries in ([], [entry]))
+            time = np.arange(2048) / RATE - shift
+            inside = (time >= start) & (time <= end)
+            assert np.array_equal(after[inside], before[inside]) and np.all(before[inside])
+            assert not after[~inside].any()
+    apart = [sized('ramp_window', start=0.0, end=2e-4), {'effect': 'ramp_window', 'station': 'master', 'start': 5e-4}]
+    assert not any(s.any() for s in analogue(m, made(apart)))  # never both at once
 
 
 def test_ripple_in_closed_form():

@@ -104,6 +104,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'damping': float(uniform(0.2, 0.7)),
         },
         'sweep_rate': lambda: {'error': sign},
+        'ramp_window': lambda: {'start': 1e-5},
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},

@@ -180,6 +180,13 @@ def _sweep_rate(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
         scene.chirp[s].append(lambda t: 0.5e-2 * p['error'] * scene.condition.chirp_rate * t * t)
 
 
+@kind('ramp_window', 'station', {'start': 's', 'end': 's'}, linear('start', 2e-6, 4e-4))
+def _ramp_window(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        first, last = scene.straight[s]
+        scene.straight[s] = max(first, p.get('start', 0.0)), min(last, p.get('end', math.inf))
+
+
 # --- noise ---
 
 

@@ -185,6 +185,7 @@ class Scene:
     digital: tuple[list[AnalogueHook], list[AnalogueHook]] = dataclasses.field(default_factory=lambda: ([], []))
     responses: tuple[list[Any], list[Any]] = dataclasses.field(default_factory=lambda: ([], []))  # f(|Hz|), complex
     poles: tuple[list[float], list[float]] = dataclasses.field(default_factory=lambda: ([], []))
+    straight: list[tuple[float, float]] = dataclasses.field(default_factory=lambda: [(0.0, math.inf)] * 2)  # ramp [s]
     noise_behind: list[bool] = dataclasses.field(default_factory=lambda: [False, False])  # the filters
     reference_lag: float = 0.0
     reference_errors: list[Callable[[np.ndarray], np.ndarray]] = dataclasses.field(default_factory=list)
@@ -301,14 +302,21 @@ class Heard:
     amplitude: np.ndarray  # [rows, 1], or [rows, margin + samples + margin] where it falls over the ramp [LSB]
     turns: np.ndarray  # [rows, margin + samples + margin] phase of the IF, float64, not wrapped
     u: np.ndarray  # [rows, samples] since the own sweep start [s]
-    off: tuple[np.ndarray, np.ndarray]  # [rows, _EDGE] at either end of the record: True where one chirp is off
+    off: tuple[np.ndarray, np.ndarray]  # [rows, edge] at either end of the record: True where one chirp is off
     on: tuple[np.ndarray, np.ndarray]  # [rows, 1] times u from and to which both chirps are on, none at all where empty
     lag: np.ndarray  # [rows] age of the peer's chirp at mid-record [s]
 
     def silence(self, signal: np.ndarray) -> None:
         """Set the samples of the record to zero during which not both chirps are on."""
-        signal[:, :_EDGE][self.off[0]] = 0.0
-        signal[:, -_EDGE:][self.off[1]] = 0.0
+        signal[:, : self.off[0].shape[1]][self.off[0]] = 0.0
+        signal[:, -self.off[1].shape[1] :][self.off[1]] = 0.0
+
+
+def _longest_window(scene: Scene) -> int:
+    """Return the samples that a window leaves out at either end of a ramp, at most."""
+    c = scene.condition
+    out = max(max(start, c.ramp_duration - end, 0.0) for start, end in scene.straight)
+    return math.ceil(1.001 * out * c.sample_rate)
 
 
 def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> Heard:
@@ -344,8 +352,13 @@ def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> 
         amplitude = amplitude * np.exp(-math.log(10.0) / 20.0 * scene.fall[station] * (a * u / c.ramp_duration))
     u = u[:, margin : margin + c.sample_count]
     first, last = d[:, :1], d[:, -1:]  # a crane moves nanometres while a chirp begins
-    on = np.maximum(first, 0.0), np.minimum(c.ramp_duration / a, c.ramp_duration / b + last)
-    off = tuple((u[:, part] < on[0]) | (u[:, part] > on[1]) for part in (slice(None, _EDGE), slice(-_EDGE, None)))
+    (start, end), (peer_start, peer_end) = (scene.straight[s] for s in (station, peer))
+    on = (
+        np.maximum(peer_start / b + first, start / a),
+        np.minimum(min(end, c.ramp_duration) / a, min(peer_end, c.ramp_duration) / b + last),
+    )
+    edge = min(_EDGE + _longest_window(scene), u.shape[1])
+    off = tuple((u[:, part] < on[0]) | (u[:, part] > on[1]) for part in (slice(None, edge), slice(-edge, None)))
     return Heard(amplitude, turns, u, (off[0], off[1]), on, d[:, d.shape[1] // 2])
 
 
