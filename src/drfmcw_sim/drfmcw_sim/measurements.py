@@ -9,6 +9,21 @@ from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
 
 
+@dataclasses.dataclass(frozen=True)
+class Modulation:
+    """A sine on the frequency of a transmitter, its phase random in each of n sweeps."""
+
+    deviation: float  # peak of the frequency error [Hz]
+    rate: float  # [Hz]
+    phase: np.ndarray  # [n] of the sine as the sweep starts [rad]
+
+    def chirp_phase(self, u: np.ndarray) -> np.ndarray:
+        """Return the integral of the frequency error over the true time u [n, samples] since the sweep start [rad]."""
+        half = (np.pi * self.rate) * u  # a difference of cosines, without cancellation where it is slow
+        integral: np.ndarray = 2.0 * (self.deviation / self.rate) * np.sin(half) * np.sin(half + self.phase[:, None])
+        return integral
+
+
 @dataclasses.dataclass
 class Station:
     """True state of one station in a batch of n measurements; effects may change the arrays."""
@@ -26,6 +41,7 @@ class Station:
     slope: float = 0.0  # by which the received signal falls, linearly in dB, from the ramp's start to its end [dB]
     straight: tuple[float, float] = (0.0, math.inf)  # when the ramp is straight, since its start in own time [s]
     noise_behind: bool = False  # the additive noise enters behind the filters of the IF path
+    modulations: tuple[Modulation, ...] = ()  # of the transmitter
 
     @property
     def name(self) -> str:
@@ -38,7 +54,7 @@ class Station:
 
     @property
     def on(self) -> tuple[np.ndarray, np.ndarray]:
-        """The true times since the sweep start between which there is something of the ramp to receive ([n], [n]) [s]."""
+        """The true times since the sweep start between which the ramp can be received, ([n], [n]) [s]."""
         first, last = self.straight
         return first / self.alpha, min(last, self.sweep.ramp_duration) / self.alpha
 
@@ -99,6 +115,7 @@ class Measurements:
                 received_power=s.received_power[rows].copy(),
                 noise_density=s.noise_density[rows].copy(),
                 temperature=s.temperature[rows].copy(),
+                modulations=tuple(dataclasses.replace(x, phase=x.phase[rows].copy()) for x in s.modulations),
             )
             for s in self.stations
         )

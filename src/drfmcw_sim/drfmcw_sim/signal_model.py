@@ -205,6 +205,10 @@ def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence[Effec
             bent += effect.chirp_phase(own, u)
         if effect.applies_to(peer.name):
             bent -= effect.chirp_phase(peer, v)
+    for modulation in own.modulations:
+        bent += modulation.chirp_phase(u)
+    for modulation in peer.modulations:
+        bent -= modulation.chirp_phase(v)
     bent -= 2.0 * np.pi * np.rint(bent / (2.0 * np.pi))
     return bent
 
@@ -242,7 +246,7 @@ def _receive(
         phase_noise = None if noise is None else _phase_noise(m, noise, receiver, g)
         if phase_noise is not None:
             angle += phase_noise
-        if shaping:
+        if shaping or any(s.modulations for s in m.stations):
             each = angle.reshape(-1, len(single), count)
             each += _shaped(single, receiver, geometry(single, receiver, single_path), shaping)
         amplitude = _amplitude(own, path, g)
@@ -304,6 +308,10 @@ def synthesise(
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
             effect.prepare(chunk)
+        for effect, number in zip(effects, numbers, strict=True):
+            for receiver, station in enumerate(chunk.stations):
+                if effect.applies_to(station.name):
+                    effect.draw(station, _streams(seed, chunk, receiver, number))
         single = chunk.rows(slice(0, len(chunk) // copies)) if copies > 1 else chunk
         drawn = _draw_noise(chunk, generators) if noise else None
         for receiver, station in enumerate(chunk.stations):

@@ -46,6 +46,7 @@ INTERFACE = {
     'pll_settling': ('station', {'step': 'Hz', 'natural_frequency': 'Hz', 'damping': '1'}),
     'sweep_rate': ('station', {'error': '%'}),
     'ramp_window': ('station', {'start': 's', 'end': 's'}),
+    'frequency_modulation': ('station', {'deviation': 'Hz', 'rate': 'Hz'}),
     'phase_noise': ('station', {'level': 'dBc/Hz', 'corner': 'Hz'}),
     'noise_floor': ('station', {'excess': 'dB'}),
     'amplitude_loss': ('path', {'loss': 'dB', 'specific': 'dB/km'}),
@@ -74,6 +75,7 @@ NOTHING = {
     'sweep_ripple': {'deviation': 0.0, 'rate': 5e3},
     'pll_settling': {'step': 0.0, 'natural_frequency': 2e4, 'damping': 0.5},
     'phase_noise': {},
+    'frequency_modulation': {'deviation': 0.0, 'rate': 100.0},
     'ramp_window': {},
     'reference_clock_drift': {},
     'amplitude_loss': {},
@@ -484,6 +486,30 @@ def test_nothing_of_a_ramp_is_received_outside_of_its_window():
             assert not after[~inside].any()
     apart = [sized('ramp_window', start=0.0, end=2e-4), {'effect': 'ramp_window', 'station': 'master', 'start': 5e-4}]
     assert not any(s.any() for s in analogue(m, made(apart)))  # never both at once
+
+
+def test_hum_has_a_phase_of_its_own_in_each_sweep():
+    """deviation / rate (cos psi - cos(2 pi rate u + psi)) at its own station, its negative a delay later at the other.
+
+    psi, fitted to each of 40 sweeps, is uniform: its mean phasor exceeds 0.5 by chance once in 20000 (exp(-40 / 4)).
+    """
+    m = measured(40, alphas=(1.0, 1.0), waveform={'iq': True})
+    deviation, rate = 300.0, 7e3
+    effects = made([sized('frequency_modulation', deviation=deviation, rate=rate)])
+    own, heard = (
+        np.unwrap(np.angle(after * np.conj(before))[:, BOTH_ON], axis=1)
+        for before, after in zip(analogue(m)[::-1], analogue(m, effects)[::-1], strict=True)
+    )
+    turn = 2.0 * np.pi * rate * np.arange(2048)[BOTH_ON] / RATE
+    basis = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=1)
+    (cosine, sine, constant), *_ = np.linalg.lstsq(basis, own.T, rcond=None)
+    psi = np.arctan2(sine, -cosine)
+    assert np.hypot(cosine, sine) == pytest.approx(deviation / rate, rel=1e-4)
+    assert constant == pytest.approx(deviation / rate * np.cos(psi), abs=1e-5)
+    assert abs(np.mean(np.exp(1j * psi))) < 0.5
+    late = turn - 2.0 * np.pi * rate * (m.paths[0].delay + m.start_delay)[:, None]
+    expected = deviation / rate * (np.cos(late + psi[:, None]) - np.cos(psi[:, None]))
+    assert np.max(np.abs(heard - expected)) < 1e-5
 
 
 def test_ripple_in_closed_form():

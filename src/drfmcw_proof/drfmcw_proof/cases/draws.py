@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..generator.model import Condition, StationCondition
+from ..generator.condition import Condition, StationCondition
 from .concealing import KINDS, Applied
 
 Rival = tuple[tuple[str, str | None], ...]
@@ -105,6 +105,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         },
         'sweep_rate': lambda: {'error': sign},
         'ramp_window': lambda: {'start': 1e-5},
+        'frequency_modulation': lambda: {'deviation': 1.0, 'rate': between(1e3, 2e4)},
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ..generator.model import Condition, nominal
+from ..generator.condition import Condition
+from ..generator.model import nominal
 from ..generator.phase_noise import NoiseShape
 from ..generator.recordings import Seal, seal, write_recording
 from .concealing import KINDS, OUTSIDE, REGISTERED, Applied, conceal

@@ -8,7 +8,7 @@ from scipy import fft
 from ..generator.model import Motion, Ray, Scene, Stage, Stream
 from .kinds import KINDS, Parameters, Size, decibel, deviate, full_scale, kind, linear
 
-_BURST, _SPUR = 1, 2  # streams of random numbers
+_BURST, _SPUR, _HUM = 1, 2, 5  # streams of random numbers
 _LONGEST_SILENCE = 1 << 17  # samples behind a record in which a capacitor discharges
 
 
@@ -185,6 +185,14 @@ def _ramp_window(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None
     for s in stations:
         first, last = scene.straight[s]
         scene.straight[s] = max(first, p.get('start', 0.0)), min(last, p.get('end', math.inf))
+
+
+@kind('frequency_modulation', 'station', {'deviation': 'Hz', 'rate': 'Hz'}, linear('deviation', 5.0, 1e6))
+def _frequency_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        number = len(scene.own_phases)
+        scene.own_phases.append((_HUM, number, s))
+        scene.hums[s].append((p['deviation'], p['rate'], (_HUM, number)))
 
 
 # --- noise ---

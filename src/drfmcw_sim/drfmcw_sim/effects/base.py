@@ -67,6 +67,14 @@ class Effect:
     def prepare(self, m: Measurements) -> None:
         """Change clocks, delays, paths, powers or noise of the measurements, in place."""
 
+    def draw(self, station: Station, streams: Callable[[], list[np.random.Generator]]) -> None:
+        """Change the state of one station by random numbers, which differ from sweep to sweep, in place.
+
+        Args:
+            station: at which the effect acts.
+            streams: as for `receive`; an effect that draws here draws nothing there.
+        """
+
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray | float:
         """Return what the effect adds to the transmit phase of `station` [rad].
 

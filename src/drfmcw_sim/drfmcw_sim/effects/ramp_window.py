@@ -17,8 +17,8 @@ class RampWindow(Effect, name='ramp_window', of=Of.STATION):
     formula = 'f(t) = f₀ + k t for start ≤ t ≤ end, t in the own clock; no IF of it outside'
     example = {'start': 5e-5, 'end': 9.5e-4}
 
-    start: float = parameter(0.0, unit='s', bounds=(0.0, 100.0), description="from the sweep's start to the straight ramp")
-    end: float = parameter(100.0, unit='s', bounds=(0.0, 100.0), description="from the sweep's start to the ramp's end")
+    start: float = parameter(0.0, unit='s', bounds=(0.0, 100.0), description="of the window, from the sweep's start")
+    end: float = parameter(100.0, unit='s', bounds=(0.0, 100.0), description="of the window, from the sweep's start")
 
     def prepare(self, m: Measurements) -> None:
         """Narrow the ramp."""
