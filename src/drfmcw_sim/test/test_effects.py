@@ -47,6 +47,7 @@ INTERFACE = {
     'sweep_rate': ('station', {'error': '%'}),
     'ramp_window': ('station', {'start': 's', 'end': 's'}),
     'frequency_modulation': ('station', {'deviation': 'Hz', 'rate': 'Hz'}),
+    'sweep_shape': ('station', {'relative_rate': '1'}),
     'phase_noise': ('station', {'level': 'dBc/Hz', 'corner': 'Hz'}),
     'noise_floor': ('station', {'excess': 'dB'}),
     'amplitude_loss': ('path', {'loss': 'dB', 'specific': 'dB/km'}),
@@ -75,6 +76,7 @@ NOTHING = {
     'sweep_ripple': {'deviation': 0.0, 'rate': 5e3},
     'pll_settling': {'step': 0.0, 'natural_frequency': 2e4, 'damping': 0.5},
     'phase_noise': {},
+    'sweep_shape': {'relative_rate': [1.0, 1.0, 1.0, 1.0]},
     'frequency_modulation': {'deviation': 0.0, 'rate': 100.0},
     'ramp_window': {},
     'reference_clock_drift': {},
@@ -274,7 +276,8 @@ def test_smooth_in_each_parameter(name, parameter):
     scale = value[0] if isinstance(value, list) else value
 
     def derivative(step):
-        values = [[scale + s * step] if isinstance(value, list) else scale + s * step for s in (0.5, -0.5)]
+        near = [scale + s * step for s in (0.5, -0.5)]
+        values = [[v, *value[1:]] for v in near] if isinstance(value, list) else near
         high, low = (observed(m, made([entry | {parameter: v}])) for v in values)
         return (high - low) / step
 
@@ -382,10 +385,23 @@ def settling(t, step, natural_frequency, damping):
     )
 
 
+def shape(t, coefficients, bandwidth):
+    """Frequency error of a rate made of Bernstein's polynomials, to which four coefficients without knots come down."""
+    x = np.asarray(t) / 1e-3
+    mean = sum(coefficients) / 4
+    integral = sum(
+        (c / mean - 1.0) * sum(math.comb(4, j) * x**j * (1.0 - x) ** (4 - j) for j in range(i + 1, 5)) / 4
+        for i, c in enumerate(coefficients)
+    )
+    return bandwidth * integral
+
+
+UNEVEN = [1.002, 0.999, 1.0005, 1.001]
 SHAPES = [
     ('sweep_curvature', {'deviation': 20e3}, lambda t: curvature(t, 20e3, 1e-3)),
     ('sweep_ripple', {'deviation': 500.0, 'rate': 9e3}, lambda t: ripple(t, 500.0, 9e3)),
     ('sweep_ripple', {'deviation': -3e3, 'rate': 700.0, 'phase': 2.2}, lambda t: ripple(t, -3e3, 700.0, 2.2)),
+    ('sweep_shape', {'relative_rate': UNEVEN}, lambda t: shape(t, UNEVEN, 150e6)),
     (
         'pll_settling',
         {'step': 60e3, 'natural_frequency': 18e3, 'damping': 0.35},
@@ -441,8 +457,13 @@ def test_shaped_chirps_against_the_time_domain(name, parameters, error, bandwidt
     """
     m = measured(1, 300.0, homodyne=homodyne, waveform={'iq': True, 'bandwidth': bandwidth})
     effects = made([{'effect': name, **parameters}])
+    falls = name == 'sweep_shape' and bandwidth < 0.0  # its error goes with the rate
     drawn = m.rows(slice(None))
     draw_sweeps(drawn, SEED)
+
+    def signed(t):
+        return -error(t) if falls else error(t)
+
     for receiver, signal in enumerate(analogue(m, effects)):
         own, peer = m.stations[receiver], m.stations[-1 - receiver]
         sample = np.arange(24, 2024)
@@ -450,7 +471,7 @@ def test_shaped_chirps_against_the_time_domain(name, parameters, error, bandwidt
         between = 0.0 if homodyne else (m.start_delay[0], -m.start_delay[0])[receiver]
         v = u - np.longdouble(between) - np.longdouble(m.paths[0].delay[0])
         phases = drawn.initial_phase[:, 0]
-        turns = dense_phase(own, u, error) - dense_phase(peer, v, error)
+        turns = dense_phase(own, u, signed) - dense_phase(peer, v, signed)
         turns = turns + (0.0 if homodyne else phases[receiver] - phases[1 - receiver])
         difference = np.angle(signal[0, sample]) / (2.0 * np.pi) - turns
         difference = (difference - np.rint(difference)).astype(float)
@@ -469,6 +490,16 @@ def test_rate_is_that_of_another_bandwidth(bandwidth, homodyne):
     effects = made([{'effect': 'sweep_rate', 'error': -0.4}])
     for a, b in zip(analogue(stated, effects), analogue(slow), strict=True):
         assert np.max(np.abs(np.angle(a[:, BOTH_ON] * np.conj(b[:, BOTH_ON])))) < 1e-6
+
+
+def test_shape_of_any_mean_is_of_mean_one():
+    """Coefficients twice as large are the same ramp; fewer than a cubic's are refused."""
+    m = measured(1, alphas=(1.0, 1.0))
+    one, twice = made([sized('sweep_shape', relative_rate=[f * r for r in UNEVEN]) for f in (1.0, 2.0)])
+    t = np.linspace(0.0, 1e-3, 50)[None]
+    assert np.allclose(one.chirp_phase(m.stations[1], t), twice.chirp_phase(m.stations[1], t), rtol=1e-9, atol=1e-6)
+    with pytest.raises(ConfigurationError, match='too few'):
+        made([sized('sweep_shape', relative_rate=[1.0, 1.0, 1.0])])
 
 
 def test_nothing_of_a_ramp_is_received_outside_of_its_window():

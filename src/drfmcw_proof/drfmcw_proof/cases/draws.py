@@ -106,6 +106,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         'sweep_rate': lambda: {'error': sign},
         'ramp_window': lambda: {'start': 1e-5},
         'frequency_modulation': lambda: {'deviation': 1.0, 'rate': between(1e3, 2e4)},
+        'sweep_shape': lambda: {'relative_rate': [1.001, 1.0, 0.9995, 1.0, 1.0005]},
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},

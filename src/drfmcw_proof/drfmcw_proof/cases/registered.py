@@ -3,13 +3,18 @@
 import math
 
 import numpy as np
-from scipy import fft
+from scipy import fft, interpolate
 
 from ..generator.model import Motion, Ray, Scene, Stage, Stream
 from .kinds import KINDS, Parameters, Size, decibel, deviate, full_scale, kind, linear
 
 _BURST, _SPUR, _HUM = 1, 2, 5  # streams of random numbers
 _LONGEST_SILENCE = 1 << 17  # samples behind a record in which a capacitor discharges
+
+
+def _bowl(size: float) -> list[float]:
+    """Return coefficients of a rate that is higher at both ends of the band, more at its start."""
+    return [1.0 + size * x for x in (1.0, 0.0, -0.5, 0.0, 0.5)]
 
 
 # --- clocks ---
@@ -193,6 +198,20 @@ def _frequency_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters
         number = len(scene.own_phases)
         scene.own_phases.append((_HUM, number, s))
         scene.hums[s].append((p['deviation'], p['rate'], (_HUM, number)))
+
+
+@kind('sweep_shape', 'station', {'relative_rate': '1'}, Size('relative_rate', _bowl, 1e-5, 1e-9, 0.5))
+def _sweep_shape(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    ramp, k = scene.condition.ramp_duration, scene.condition.chirp_rate
+    degree, weights = 3, np.asarray(p['relative_rate'], float)
+    # a clamped knot vector, de Boor's mean of a B-spline over it, and both integrals as piecewise polynomials
+    knots = np.concatenate([[0.0] * degree, np.linspace(0.0, 1.0, len(weights) - degree + 1), [1.0] * degree])
+    mean = float(weights @ (knots[degree + 1 :] - knots[: -degree - 1])) / (degree + 1)
+    rate = interpolate.PPoly.from_spline((knots, weights / mean - 1.0, degree), extrapolate=True)
+    turns = rate.antiderivative(2)
+
+    for s in stations:
+        scene.chirp[s].append(lambda t: k * ramp * ramp * turns(t / ramp))
 
 
 # --- noise ---
