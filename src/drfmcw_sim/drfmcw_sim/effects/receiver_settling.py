@@ -9,7 +9,6 @@ from drfmcw_physics.settings import parameter
 
 from ..measurements import Measurements, Station
 from .base import Effect
-from .recipe import Recipe, geometric
 from .traits import ActsOn, Of
 
 
@@ -20,16 +19,6 @@ class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) exp(−t / time_constant), s full scale'
     example = {'level': -30.0, 'time_constant': 1e-4}
-    recipes = (
-        Recipe(
-            'level',
-            start={'level': -60.0},
-            prior={'level': 20.0, 'time_constant': 1e-4},
-            grid={'time_constant': geometric(5e-6, 1e-3, 8)},
-            decibel=True,
-            steps={'level': 0.05},
-        ),
-    )
 
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 40.0), description="of the exponential at the sweep's start; full scale is 0 dBFS"
