@@ -10,7 +10,7 @@ import numpy as np
 from .cases.carried_out import Carried, carried_out
 from .cases.concealing import Applied
 from .cases.sizes import separation
-from .generator.model import Condition
+from .generator.condition import Condition
 from .judging import keys
 
 _IMPOSSIBLE = (ArithmeticError, TypeError, ValueError, np.linalg.LinAlgError)  # parameters without a recording

@@ -1,11 +1,27 @@
 """True state of stations and paths in a batch of measurements: what effects change, and IF signals are made from."""
 
 import dataclasses
+import math
 
 import numpy as np
 
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class Modulation:
+    """A sine on the frequency of a transmitter, its phase random in each of n sweeps."""
+
+    deviation: float  # peak of the frequency error [Hz]
+    rate: float  # [Hz]
+    phase: np.ndarray  # [n] of the sine as the sweep starts [rad]
+
+    def chirp_phase(self, u: np.ndarray) -> np.ndarray:
+        """Return the integral of the frequency error over the true time u [n, samples] since the sweep start [rad]."""
+        half = (np.pi * self.rate) * u  # a difference of cosines, without cancellation where it is slow
+        integral: np.ndarray = 2.0 * (self.deviation / self.rate) * np.sin(half) * np.sin(half + self.phase[:, None])
+        return integral
 
 
 @dataclasses.dataclass
@@ -22,6 +38,10 @@ class Station:
     calibration_temperature: float = 25.0  # [degC]
     full_scale: float = 8192.0  # [LSB]
     iq: bool = False
+    slope: float = 0.0  # by which the received signal falls, linearly in dB, from the ramp's start to its end [dB]
+    straight: tuple[float, float] = (0.0, math.inf)  # when the ramp is straight, since its start in own time [s]
+    noise_behind: bool = False  # the additive noise enters behind the filters of the IF path
+    modulations: tuple[Modulation, ...] = ()  # of the transmitter
 
     @property
     def name(self) -> str:
@@ -31,6 +51,12 @@ class Station:
     def amplitude(self, power: np.ndarray) -> np.ndarray:
         """Return the amplitude [LSB] of a sine of `power` [dBm] at the antenna port."""
         return self.full_scale * 10.0 ** ((power - self.sweep.full_scale_power) / 20.0)
+
+    @property
+    def on(self) -> tuple[np.ndarray, np.ndarray]:
+        """The true times since the sweep start between which the ramp can be received, ([n], [n]) [s]."""
+        first, last = self.straight
+        return first / self.alpha, min(last, self.sweep.ramp_duration) / self.alpha
 
     def noise_std(self) -> np.ndarray:
         """Return the standard deviation of the additive noise in each real or I or Q sample [LSB].
@@ -50,6 +76,12 @@ class Path:
     rate: np.ndarray  # [n] [s/s]
     acceleration: np.ndarray  # [n] [s/s^2]
     amplitude: np.ndarray  # [n] relative to the direct path, negative where the sign is reversed [1]
+    phase: float = 0.0  # by which a reflector turns the carrier back, as a longer way does [turns]
+
+    def rows(self, rows: slice | np.ndarray) -> 'Path':
+        """Return a copy for some of the measurements."""
+        arrays = (x[rows].copy() for x in (self.delay, self.rate, self.acceleration, self.amplitude))
+        return Path(*arrays, self.phase)
 
 
 @dataclasses.dataclass
@@ -83,10 +115,11 @@ class Measurements:
                 received_power=s.received_power[rows].copy(),
                 noise_density=s.noise_density[rows].copy(),
                 temperature=s.temperature[rows].copy(),
+                modulations=tuple(dataclasses.replace(x, phase=x.phase[rows].copy()) for x in s.modulations),
             )
             for s in self.stations
         )
-        paths = [Path(*(getattr(p, f.name)[rows].copy() for f in dataclasses.fields(Path))) for p in self.paths]
+        paths = [path.rows(rows) for path in self.paths]
         return dataclasses.replace(
             self,
             stations=stations,

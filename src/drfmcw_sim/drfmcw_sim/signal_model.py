@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from . import oscillator
-from .effects import Effect
+from .effects import Effect, Stage
 from .measurements import Measurements, Path, Station
 from .random_streams import Purpose, normal_pairs, stream
 
@@ -38,6 +38,7 @@ class Geometry:
     rate: np.ndarray  # [s/s]
     acceleration: np.ndarray  # [s/s^2]
     step: np.ndarray  # true time between the receiver's samples [s]
+    phase: float = 0.0  # of the IF beyond that of the delay [turns]
 
     def peer_time(self, count: int) -> np.ndarray:
         """Return v [n, count], the peer's own time whose chirp each sample mixes with [s]."""
@@ -63,7 +64,7 @@ def geometry(m: Measurements, receiver: int, path: Path) -> Geometry:
     else:
         start, between = m.start_delay, -m.start_delay
     offset = between + path.delay + path.rate * start + 0.5 * path.acceleration * start * start
-    return Geometry(offset, path.rate + path.acceleration * start, path.acceleration, step)
+    return Geometry(offset, path.rate + path.acceleration * start, path.acceleration, step, path.phase)
 
 
 def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
@@ -80,7 +81,7 @@ def if_phase(m: Measurements, receiver: int, g: Geometry) -> np.ndarray:
     k_own, k_peer = own.alpha**2 * own.sweep.chirp_rate, peer.alpha**2 * peer.sweep.chirp_rate
     # D_a / 2 pi = f_own u + k_own u^2/2 - f_peer v - k_peer v^2/2, multiplied out; u^4 is left out, 2e-17 turns
     # with an acceleration of 10 m/s^2
-    c0 = f_peer * d - 0.5 * k_peer * d * d
+    c0 = f_peer * d - 0.5 * k_peer * d * d + g.phase
     if len(m.stations) == 2:
         c0 = c0 + m.initial_phase[receiver] - m.initial_phase[1 - receiver]
     c1 = ((f_own - f_peer) + f_peer * r + k_peer * d * (1.0 - r)) * h
@@ -113,11 +114,13 @@ def _own_and_peer(m: Measurements, receiver: int) -> tuple[Station, Station]:
 def overlap(m: Measurements, receiver: int, g: Geometry) -> tuple[np.ndarray, np.ndarray]:
     """Return the (first, end) sample numbers [n] between which both chirps are present at the receiver's mixer."""
     own, peer = _own_and_peer(m, receiver)
-    last = np.minimum(g.crossing(peer.sweep.ramp_duration / peer.alpha), own.sweep.ramp_duration / own.alpha)
-    begin = np.ceil(np.maximum(g.crossing(0.0), 0.0) / g.step - 1e-9)
+    (begins, ends), (peer_begins, peer_ends) = own.on, peer.on
+    last = np.minimum(g.crossing(peer_ends), ends)
+    begin = np.ceil(np.maximum(g.crossing(peer_begins), begins) / g.step - 1e-9)
     end = np.floor(last / g.step + 1e-9) + 1
     limit = own.sweep.sample_count
-    return np.clip(begin, 0, limit).astype(int), np.clip(end, 0, limit).astype(int)
+    begin = np.clip(begin, 0, limit).astype(int)
+    return begin, np.maximum(np.clip(end, 0, limit).astype(int), begin)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,15 +202,29 @@ def _shaped(m: Measurements, receiver: int, g: Geometry, effects: Sequence[Effec
             bent += effect.chirp_phase(own, u)
         if effect.applies_to(peer.name):
             bent -= effect.chirp_phase(peer, v)
+    for modulation in own.modulations:
+        bent += modulation.chirp_phase(u)
+    for modulation in peer.modulations:
+        bent -= modulation.chirp_phase(v)
     bent -= 2.0 * np.pi * np.rint(bent / (2.0 * np.pi))
     return bent
+
+
+def _amplitude(own: Station, path: Path, g: Geometry) -> np.ndarray:
+    """Return the amplitude of what a station hears over a path, float32 [n, samples] or [n, 1] [LSB]."""
+    amplitude = (own.amplitude(own.received_power) * path.amplitude)[:, None]
+    if own.slope:
+        per_sample = own.slope / 20.0 * own.alpha * g.step / own.sweep.ramp_duration
+        amplitude = amplitude * 10.0 ** (-per_sample[:, None] * np.arange(own.sweep.sample_count))
+    return amplitude.astype(np.float32)
 
 
 def _receive(
     m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence[Effect]
 ) -> np.ndarray:
-    """Return the noise-carrying analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
+    """Return the analogue IF of one station [LSB], float32 [n, samples] or [n, samples, 2] (I, Q).
 
+    It carries the noise, without the additive one where that enters behind the filters.
     Where `m` holds copies that differ in their initial phases alone, `single` is the first of them.
     """
     own = m.stations[receiver]
@@ -215,7 +232,10 @@ def _receive(
     sample = np.arange(count)
     shape = (len(m), count, 2) if own.iq else (len(m), count)
     shaping = [e for e in effects if e.shapes_chirp]
-    signal = np.zeros(shape, np.float32) if noise is None else noise.additive[receiver].reshape(shape)
+    if noise is None or own.noise_behind:
+        signal = np.zeros(shape, np.float32)
+    else:
+        signal = noise.additive[receiver].reshape(shape)
     for path, single_path in zip(m.paths, single.paths, strict=True):
         g = geometry(m, receiver, path)
         angle = if_phase(m, receiver, g).astype(np.float32)
@@ -223,10 +243,10 @@ def _receive(
         phase_noise = None if noise is None else _phase_noise(m, noise, receiver, g)
         if phase_noise is not None:
             angle += phase_noise
-        if shaping:
+        if shaping or any(s.modulations for s in m.stations):
             each = angle.reshape(-1, len(single), count)
             each += _shaped(single, receiver, geometry(single, receiver, single_path), shaping)
-        amplitude = (own.amplitude(own.received_power) * path.amplitude).astype(np.float32)[:, None]
+        amplitude = _amplitude(own, path, g)
         begin, end = overlap(m, receiver, g)
         if own.iq:
             heard = np.empty(shape, np.float32)
@@ -285,13 +305,23 @@ def synthesise(
         generators = draw_sweeps(chunk, seed)
         for effect in effects:
             effect.prepare(chunk)
+        for effect, number in zip(effects, numbers, strict=True):
+            for receiver, station in enumerate(chunk.stations):
+                if effect.applies_to(station.name):
+                    effect.draw(station, _streams(seed, chunk, receiver, number))
         single = chunk.rows(slice(0, len(chunk) // copies)) if copies > 1 else chunk
         drawn = _draw_noise(chunk, generators) if noise else None
         for receiver, station in enumerate(chunk.stations):
             signal = _receive(chunk, single, drawn, receiver, effects)
+            pending = drawn.additive[receiver] if drawn and station.noise_behind else None
             for effect, number in zip(effects, numbers, strict=True):
+                if pending is not None and effect.stage > Stage.FILTER:
+                    signal += pending.reshape(signal.shape)
+                    pending = None
                 if effect.applies_to(station.name):
                     effect.receive(signal, station, chunk, _streams(seed, chunk, receiver, number))
+            if pending is not None:
+                signal += pending.reshape(signal.shape)
             samples = quantise(signal, station.full_scale) if quantised else signal
             if begin == 0:
                 results.append(np.empty((len(m), *samples.shape[1:]), samples.dtype))

@@ -147,8 +147,10 @@ class NoiseModel:
 
         Args:
             station: n sweeps of it.
-            passed: share of the noise before the ADC that filters leave (n, ...), or (1, ...) where all are alike.
+            passed: share of the noise ahead of them that filters leave (n, ...), or (1, ...) where all are alike.
         """
+        if station.noise_behind:
+            passed = np.ones_like(passed)
         before = (station.noise_std() ** 2 * passed.T).T
         return (before + QUANTISATION) * float(self._topology.parts)
 

@@ -261,6 +261,23 @@ def _harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe
     return recipe.tries if _suspicious(c, residual, station) else ()
 
 
+def _even_harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return the second-order term of a curve, 1 at full scale, that the lines' second harmonics suggest.
+
+    A line of amplitude A has one of c A / 2 relative to itself, at its own phase; least squares over all groups.
+    """
+    order, overlap, power = HARMONICS.index(2), 0.0, 0.0
+    for i in range(len(c.receivers)) if station < 0 else (station,):
+        z = residual[c.entries.where(kind='harmonic', station=i)].reshape(len(c.members), -1)[:, order]
+        full_scale = float(np.median(c.data.full_scale[c.heard[i]]))
+        line = 10.0 ** (c.measured.amplitude[:, i] / 20.0) / full_scale
+        unit = np.where(z != 0.0, 0.5 * line / c.std.harmonic[:, i, order], 0.0)
+        overlap, power = overlap + float(unit @ z), power + float(unit @ unit)
+    if power == 0.0 or 2.0 * stats.norm.sf(abs(overlap) / math.sqrt(power)) > _SUSPICION:
+        return ()
+    return (overlap / power,)
+
+
 def _limits(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
     """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion."""
     if not _suspicious(c, residual, station):
@@ -372,6 +389,7 @@ SCANNERS: dict[str, Scanner] = {
     'oscillation': Scanner(_oscillations),
     'narrow line': Scanner(_lines, True, lambda c: _HANN * _sweep_resolution(c)),
     'harmonics': Scanner(_harmonics, True),
+    'even harmonics': Scanner(_even_harmonics),
     'limit': Scanner(_limits, True),
     'bursts': Scanner(_bursts, True),
 }

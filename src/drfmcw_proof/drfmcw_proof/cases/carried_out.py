@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..generator.model import Condition, Scene, nominal
+from ..generator.condition import Condition
+from ..generator.model import Scene, nominal
 from .concealing import KINDS, Applied, conceal
 from .sizes import separation
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..generator.model import Condition
+from ..generator.condition import Condition
 from .draws import Extent, both_stations, floats, random_condition
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..generator.model import Condition, StationCondition
+from ..generator.condition import Condition, StationCondition
 from .concealing import KINDS, Applied
 
 Rival = tuple[tuple[str, str | None], ...]
@@ -103,14 +103,22 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'natural_frequency': between(8e3, 4e4),
             'damping': float(uniform(0.2, 0.7)),
         },
+        'sweep_rate': lambda: {'error': sign},
+        'ramp_window': lambda: {'start': 1e-5},
+        'frequency_modulation': lambda: {'deviation': 1.0, 'rate': between(1e3, 2e4)},
+        'sweep_shape': lambda: {'relative_rate': [1.001, 1.0, 0.9995, 1.0, 1.0005]},
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},
+        'amplitude_slope': lambda: {'slope': sign},
         'target_motion': lambda: {'velocity': velocities(random, n)},
         'sway': lambda: {'amplitude': 1.0, 'frequency': float(uniform(0.2, 0.9))},
         'slant_geometry': lambda: {'height_difference': 1.0},
         'clipping': lambda: {'level': -25.0},
         'compression': lambda: {'third_order': sign},
+        'ac_coupling': lambda: {'pole': 1e3},
+        'receiver_settling': lambda: {'level': -75.0, 'time_constant': between(1e-5, 3e-4)},
+        'second_order_distortion': lambda: {'second_order': sign},
         'if_filter': lambda: {'pole': 1e6},
         'interference_burst': lambda: {
             'probability': float(uniform(0.05, 0.3)),
@@ -129,7 +137,6 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'temperature': float(np.median(condition.board_temperature[condition.names.index(str(station))])),
         },
         'fan_modulation': lambda: {'depth': 1.0, 'rate': between(3e3, 3e4), 'duty': float(uniform(0.1, 0.5))},
-        'second_harmonic': lambda: {'second_order': sign},
         'delay_hysteresis': lambda: {'slope': sign, 'time_constant': between(40.0, 200.0)},
         'adc_dither': lambda: {'amplitude': 1.0, 'period': float(uniform(5.0, 40.0))},
         'dropped_samples': lambda: {'count': int(random.integers(1, 4)), 'time': float(uniform(2e-4, 8e-4))},
@@ -165,8 +172,8 @@ def _alike(condition: Condition, effect: Applied) -> tuple[str, str | None] | No
     """Return what changes the data as an effect does, whatever its size."""
     if effect.effect in TWINS:
         return TWINS[effect.effect], None
-    if effect.effect in ('reference_clock_offset', 'reference_clock_drift'):
-        # an IF knows the difference of the references only, but for 1e-6 of it
+    if effect.effect in ('reference_clock_offset', 'reference_clock_drift', 'sweep_rate'):
+        # an IF knows the difference of the references or the rates only, but for 1e-6 of it
         return effect.effect, other_station(condition, effect.station)
     return None
 

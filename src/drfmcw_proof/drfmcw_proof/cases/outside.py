@@ -84,19 +84,6 @@ def _fan_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters) -> N
         scene.analogue[s].append((Stage.AMPLIFIER, hook))
 
 
-@_outside('second_harmonic', 'station', {'second_order': '1'}, linear('second_order', 0.003, 20.0))
-def _second_harmonic(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
-    """The mixer's even-order product: c x^2, x = 1 at full scale, its constant blocked by the coupling capacitor."""
-
-    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        square = x * x
-        square -= square.mean(axis=1, keepdims=True)
-        return (x + p['second_order'] / scene.condition.full_scale * square).astype(x.dtype)
-
-    for s in stations:
-        scene.analogue[s].append((Stage.AMPLIFIER, hook))
-
-
 @_outside('delay_hysteresis', 'station', {'slope': 'ps/K', 'time_constant': 's'}, linear('slope', 3.0, 1e4))
 def _delay_hysteresis(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """The delay follows the change of the board's temperature and creeps back: a high-pass over time."""

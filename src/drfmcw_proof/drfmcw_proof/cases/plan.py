@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ..generator.model import Condition, nominal
+from ..generator.condition import Condition
+from ..generator.model import nominal
 from ..generator.phase_noise import NoiseShape
 from ..generator.recordings import Seal, seal, write_recording
 from .concealing import KINDS, OUTSIDE, REGISTERED, Applied, conceal
@@ -170,7 +171,7 @@ def _single(
     name: str, random: np.random.Generator, effect: str, d: float | None, extent: Extent, group: str = 'single'
 ) -> Plan:
     condition = random_condition(random, extent)
-    if effect in ('clipping', 'compression', 'second_harmonic', 'missing_codes'):
+    if effect in ('clipping', 'compression', 'second_order_distortion', 'missing_codes'):
         condition = dataclasses.replace(condition, full_scale_power=-35.0)  # a receiver that uses its range
     parts = template(random, effect, condition)
     wanted = [Wanted(p) for p in parts[:-1]] + [Wanted(parts[-1], None if effect in _FIXED else d)]

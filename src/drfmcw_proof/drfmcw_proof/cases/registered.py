@@ -3,11 +3,18 @@
 import math
 
 import numpy as np
+from scipy import fft, interpolate
 
 from ..generator.model import Motion, Ray, Scene, Stage, Stream
 from .kinds import KINDS, Parameters, Size, decibel, deviate, full_scale, kind, linear
 
-_BURST, _SPUR = 1, 2  # streams of random numbers
+_BURST, _SPUR, _HUM = 1, 2, 5  # streams of random numbers
+_LONGEST_SILENCE = 1 << 17  # samples behind a record in which a capacitor discharges
+
+
+def _bowl(size: float) -> list[float]:
+    """Return coefficients of a rate that is higher at both ends of the band, more at its start."""
+    return [1.0 + size * x for x in (1.0, 0.0, -0.5, 0.0, 0.5)]
 
 
 # --- clocks ---
@@ -98,6 +105,12 @@ def _amplitude_loss(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
     scene.gain = scene.gain - p.get('loss', 0.0) - p.get('specific', 0.0) * scene.distance / 1e3
 
 
+@kind('amplitude_slope', 'station', {'slope': 'dB'}, linear('slope', 0.02, 30.0))
+def _amplitude_slope(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        scene.fall[s] += p['slope']
+
+
 # --- motion and geometry ---
 
 
@@ -166,6 +179,41 @@ def _pll_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> Non
         scene.chirp[s].append(phase)
 
 
+@kind('sweep_rate', 'station', {'error': '%'}, linear('error', 1e-6, 10.0))
+def _sweep_rate(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        scene.chirp[s].append(lambda t: 0.5e-2 * p['error'] * scene.condition.chirp_rate * t * t)
+
+
+@kind('ramp_window', 'station', {'start': 's', 'end': 's'}, linear('start', 2e-6, 4e-4))
+def _ramp_window(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        first, last = scene.straight[s]
+        scene.straight[s] = max(first, p.get('start', 0.0)), min(last, p.get('end', math.inf))
+
+
+@kind('frequency_modulation', 'station', {'deviation': 'Hz', 'rate': 'Hz'}, linear('deviation', 5.0, 1e6))
+def _frequency_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    for s in stations:
+        number = len(scene.own_phases)
+        scene.own_phases.append((_HUM, number, s))
+        scene.hums[s].append((p['deviation'], p['rate'], (_HUM, number)))
+
+
+@kind('sweep_shape', 'station', {'relative_rate': '1'}, Size('relative_rate', _bowl, 1e-5, 1e-9, 0.5))
+def _sweep_shape(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    ramp, k = scene.condition.ramp_duration, scene.condition.chirp_rate
+    degree, weights = 3, np.asarray(p['relative_rate'], float)
+    # a clamped knot vector, de Boor's mean of a B-spline over it, and both integrals as piecewise polynomials
+    knots = np.concatenate([[0.0] * degree, np.linspace(0.0, 1.0, len(weights) - degree + 1), [1.0] * degree])
+    mean = float(weights @ (knots[degree + 1 :] - knots[: -degree - 1])) / (degree + 1)
+    rate = interpolate.PPoly.from_spline((knots, weights / mean - 1.0, degree), extrapolate=True)
+    turns = rate.antiderivative(2)
+
+    for s in stations:
+        scene.chirp[s].append(lambda t: k * ramp * ramp * turns(t / ramp))
+
+
 # --- noise ---
 
 
@@ -211,13 +259,16 @@ def _interference_burst(scene: Scene, stations: tuple[int, ...], p: Parameters) 
 # --- receiver ---
 
 
-@kind('tx_leakage', 'station', {'level': 'dBFS'}, decibel('level', -85.0, -120.0, -20.0))
+@kind('tx_leakage', 'station', {'level': 'dBFS', 'delay': 'ns'}, decibel('level', -85.0, -120.0, -20.0))
 def _tx_leakage(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
-    # a chirp mixed with itself without delay: a constant for as long as it is on
+    # a chirp mixed with itself: for as long as it is on a constant, or the line of its delay
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        u = scene.step(station)[rows, None] * np.arange(x.shape[1])
-        on = scene.alpha[station, rows, None] * u <= scene.condition.ramp_duration
-        return x + (full_scale(scene, p['level']) * on).astype(x.dtype)
+        c, late = scene.condition, 1e-9 * p.get('delay', 0.0)
+        own = scene.alpha[station, rows, None] * scene.step(station)[rows, None] * np.arange(x.shape[1])
+        before = own - scene.alpha[station, rows, None] * late  # what the clock said when it left
+        on = (before >= 0.0) & (own <= c.ramp_duration)
+        turns = (own - before) * (c.start_frequency + 0.5 * c.chirp_rate * (own + before))
+        return x + (full_scale(scene, p['level']) * on * np.cos(2.0 * math.pi * turns)).astype(x.dtype)
 
     for s in stations:
         scene.analogue[s].append((Stage.INPUT, hook))
@@ -238,7 +289,7 @@ def _spur(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
         scene.analogue[s].append((Stage.INPUT, hook))
 
 
-@kind('if_filter', 'station', {'pole': 'Hz'}, Size('pole', lambda s: 1.0 / s, 1e-8, 1e-9, 1e-4))
+@kind('if_filter', 'station', {'pole': 'Hz', 'noise_behind': '1'}, Size('pole', lambda s: 1.0 / s, 1e-8, 1e-9, 1e-4))
 def _if_filter(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     def response(frequency: np.ndarray) -> np.ndarray:
         return 1.0 / (1.0 + 1j * frequency / p['pole'])
@@ -246,6 +297,33 @@ def _if_filter(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     for s in stations:
         scene.responses[s].append(response)
         scene.poles[s].append(p['pole'])
+        scene.noise_behind[s] |= bool(p.get('noise_behind', False))
+
+
+@kind('ac_coupling', 'station', {'pole': 'Hz'}, linear('pole', 1e3, 1e7))
+def _ac_coupling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        # silence until the capacitor's charge is gone, or for as long as there is memory
+        silence = min(16.0 * scene.condition.sample_rate / (2.0 * math.pi * p['pole']), _LONGEST_SILENCE)
+        period = fft.next_fast_len(x.shape[1] + math.ceil(silence), real=True)
+        frequency = np.fft.rfftfreq(period) / scene.step(station)[rows, None]
+        passed = fft.rfft(x, period) * (1j * frequency / (1j * frequency + p['pole']))
+        return fft.irfft(passed, period)[:, : x.shape[1]].astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.COUPLING, hook))
+
+
+@kind(
+    'receiver_settling', 'station', {'level': 'dBFS', 'time_constant': 's'}, decibel('level', -75.0, -120.0, -10.0)
+)
+def _receiver_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        per_sample = np.exp(-scene.step(station)[rows, None] / p['time_constant'])
+        return x + (full_scale(scene, p['level']) * per_sample ** np.arange(x.shape[1])).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.INPUT, hook))
 
 
 @kind('compression', 'station', {'third_order': '1'}, linear('third_order', 0.01, 20.0))
@@ -253,6 +331,15 @@ def _compression(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
         share = x / scene.condition.full_scale
         return (x * (1.0 - p['third_order'] * share * share)).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
+@kind('second_order_distortion', 'station', {'second_order': '1'}, linear('second_order', 0.003, 20.0))
+def _second_order_distortion(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return (x * (1.0 + p['second_order'] * (x / scene.condition.full_scale))).astype(x.dtype)
 
     for s in stations:
         scene.analogue[s].append((Stage.AMPLIFIER, hook))

@@ -27,7 +27,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..generator.model import FIRST, SECOND, SPEED_OF_LIGHT, Condition, Scene, Stream, clean, digitise, nominal, receive
+from ..generator.condition import Condition
+from ..generator.model import FIRST, SECOND, SPEED_OF_LIGHT, Scene, Stream, clean, digitise, nominal, receive
 from ..generator.phase_noise import phase_noise_density
 from .concealing import KINDS, Applied, conceal
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
+from .condition import Condition
 from .phase_noise import NoiseShape, phase_noise_density
 
 SPEED_OF_LIGHT = 299792458.0
@@ -47,81 +48,9 @@ class Stage(enum.IntEnum):
     """Order in which effects meet the IF signal; what is added at the input passes the IF filter."""
 
     INPUT = 0
-    AMPLIFIER = 1
-    LIMITER = 2
-
-
-@dataclasses.dataclass(frozen=True)
-class StationCondition:
-    """One station: what its calibration reports, and how its noise really is."""
-
-    name: str
-    delay: float  # calibrated, one-way [s]
-    alpha: float = 1.0
-    sample_clock_alpha: float = 1.0
-    calibration_temperature: float = 25.0  # [degC]
-    noise_floor: float = -140.0  # [dBm/Hz]
-    phase_noise_level: float = -90.0  # [dBc/Hz at 100 kHz]
-    phase_noise_corner: float = 120e3  # [Hz]
-    shape: NoiseShape = NoiseShape()
-
-
-@dataclasses.dataclass(frozen=True)
-class Condition:
-    """A recording before anything is concealed in it. Tuples over settings have one length."""
-
-    seed: int
-    distances: tuple[float, ...]  # reference distance of each setting [m]
-    air_temperature: tuple[float, ...]  # [degC]
-    air_pressure: tuple[float, ...]  # [Pa]
-    air_humidity: tuple[float, ...]  # [0..1]
-    board_temperature: tuple[tuple[float, ...], tuple[float, ...]]  # of each station [degC]
-    stations: tuple[StationCondition, StationCondition] = (
-        StationCondition('master', 12e-9),
-        StationCondition('slave', 15e-9),
-    )
-    sweeps: int = 24  # at each setting
-    interval: float = 20e-3  # between sweeps [s]
-    pause: float = 60.0  # between settings [s]
-    start_frequency: float = 5.725e9
-    bandwidth: float = 150e6
-    ramp_duration: float = 1e-3
-    sample_rate: float = 2.048e6
-    sample_count: int = 2048
-    short_start_delay: float = 3.41e-6
-    long_start_delay: float = 0.6e-6
-    mode_boundary: float = 650.0  # LD mode from here on [m]
-    tx_eirp: float = 13.0  # [dBm]
-    rx_antenna_gain: float = 21.0  # [dBi]
-    full_scale: float = 8192.0  # [LSB]
-    full_scale_power: float = -20.0  # [dBm]
-    reference_std: float = 5e-3  # [m]
-    start_delay_jitter: float = 2e-9  # [s]
-    amplitude_scatter: float = 0.2  # of a sweep, common to both stations [dB]
-    amplitude_drift: float = 0.0  # standard deviation of a slow wander of the power [dB]
-    outlier_probability: float = 0.0  # of a sweep that is late, weak and noisy
-
-    def __post_init__(self) -> None:
-        """Refuse tuples of different lengths."""
-        lengths = {
-            len(self.distances),
-            len(self.air_temperature),
-            len(self.air_pressure),
-            len(self.air_humidity),
-            *map(len, self.board_temperature),
-        }
-        if len(lengths) != 1:
-            raise ValueError(f'settings of different number: {sorted(lengths)}')
-
-    @property
-    def chirp_rate(self) -> float:
-        """The nominal k [Hz/s]."""
-        return self.bandwidth / self.ramp_duration
-
-    @property
-    def names(self) -> tuple[str, str]:
-        """The names of both stations."""
-        return self.stations[0].name, self.stations[1].name
+    COUPLING = 1
+    AMPLIFIER = 2
+    LIMITER = 3
 
 
 def refractivity(temperature: np.ndarray, pressure: np.ndarray, humidity: np.ndarray) -> np.ndarray:
@@ -139,7 +68,7 @@ class Ray:
 
     length: Callable[[np.ndarray], np.ndarray]
     amplitude: float = 1.0
-    phase: float = 0.0  # of the reflection, by which the received wave leads [rad]
+    phase: float = 0.0  # of the reflection, by which the received wave lags, as over a longer way [rad]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,6 +106,7 @@ class Scene:
     rays: list[Ray] = dataclasses.field(default_factory=lambda: [Ray(lambda r: r)])
     antenna_distance: Callable[[np.ndarray], np.ndarray] | None = None  # from the reference's distance
     chirp: tuple[list[ChirpHook], list[ChirpHook]] = dataclasses.field(default_factory=lambda: ([], []))
+    hums: tuple[list[Any], list[Any]] = dataclasses.field(default_factory=lambda: ([], []))  # (Hz, Hz, stream)
     warp: tuple[list[Any], list[Any]] = dataclasses.field(default_factory=lambda: ([], []))
     analogue: tuple[list[tuple[Stage, AnalogueHook]], list[tuple[Stage, AnalogueHook]]] = dataclasses.field(
         default_factory=lambda: ([], [])
@@ -184,10 +114,13 @@ class Scene:
     digital: tuple[list[AnalogueHook], list[AnalogueHook]] = dataclasses.field(default_factory=lambda: ([], []))
     responses: tuple[list[Any], list[Any]] = dataclasses.field(default_factory=lambda: ([], []))  # f(|Hz|), complex
     poles: tuple[list[float], list[float]] = dataclasses.field(default_factory=lambda: ([], []))
+    straight: list[tuple[float, float]] = dataclasses.field(default_factory=lambda: [(0.0, math.inf)] * 2)  # ramp [s]
+    noise_behind: list[bool] = dataclasses.field(default_factory=lambda: [False, False])  # the filters
     reference_lag: float = 0.0
     reference_errors: list[Callable[[np.ndarray], np.ndarray]] = dataclasses.field(default_factory=list)
     burst_power: list[tuple[int, float, float, float]] = dataclasses.field(default_factory=list)
     own_phases: list[tuple[int, int, int]] = dataclasses.field(default_factory=list)  # stream, number, station
+    fall: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0])  # of rays over the own ramp [dB]
     advance: float = 0.0  # of these phases from those drawn, as in another realisation [turns]
 
     def __len__(self) -> int:
@@ -295,17 +228,34 @@ def _wander(random: np.random.Generator, n: int) -> np.ndarray:
 class Heard:
     """What one station hears over one ray, over the record and `margin` samples before and after it."""
 
-    amplitude: np.ndarray  # [rows, 1] [LSB]
+    amplitude: np.ndarray  # [rows, 1], or [rows, margin + samples + margin] where it falls over the ramp [LSB]
     turns: np.ndarray  # [rows, margin + samples + margin] phase of the IF, float64, not wrapped
     u: np.ndarray  # [rows, samples] since the own sweep start [s]
-    off: tuple[np.ndarray, np.ndarray]  # [rows, _EDGE] at either end of the record: True where one chirp is off
+    off: tuple[np.ndarray, np.ndarray]  # [rows, edge] at either end of the record: True where one chirp is off
     on: tuple[np.ndarray, np.ndarray]  # [rows, 1] times u from and to which both chirps are on, none at all where empty
     lag: np.ndarray  # [rows] age of the peer's chirp at mid-record [s]
 
     def silence(self, signal: np.ndarray) -> None:
         """Set the samples of the record to zero during which not both chirps are on."""
-        signal[:, :_EDGE][self.off[0]] = 0.0
-        signal[:, -_EDGE:][self.off[1]] = 0.0
+        signal[:, : self.off[0].shape[1]][self.off[0]] = 0.0
+        signal[:, -self.off[1].shape[1] :][self.off[1]] = 0.0
+
+
+def hummed(scene: Scene, station: int, rows: Rows, time: np.ndarray) -> np.ndarray | float:
+    """Return what sines of random phase add to what a station sends at `time` [rows, samples] [s], in turns."""
+    total: np.ndarray | float = 0.0
+    for deviation, rate, (stream, number) in scene.hums[station]:
+        start = scene.own_phase(stream, number, station, rows)[:, None]
+        cosines = np.cos(2.0 * math.pi * start) - np.cos(2.0 * math.pi * (rate * time + start))
+        total = total + deviation / (2.0 * math.pi * rate) * cosines
+    return total
+
+
+def _longest_window(scene: Scene) -> int:
+    """Return the samples that a window leaves out at either end of a ramp, at most."""
+    c = scene.condition
+    out = max(max(start, c.ramp_duration - end, 0.0) for start, end in scene.straight)
+    return math.ceil(1.001 * out * c.sample_rate)
 
 
 def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> Heard:
@@ -329,18 +279,28 @@ def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> 
     turns = (0.5 * c.chirp_rate) * (a + b) * u
     turns += c.start_frequency - (0.5 * c.chirp_rate) * b * d
     turns *= w
-    turns += scene.phase[station, rows, None] - scene.phase[peer, rows, None] - ray.phase / (2.0 * math.pi)
+    turns += scene.phase[station, rows, None] - scene.phase[peer, rows, None] + ray.phase / (2.0 * math.pi)
     if scene.chirp[station] or scene.chirp[peer]:
         v = u - d
         for shape in scene.chirp[station]:
             turns += shape(a * u)
         for shape in scene.chirp[peer]:
             turns -= shape(b * v)
+    if scene.hums[station] or scene.hums[peer]:
+        turns += hummed(scene, station, rows, u)
+        turns -= hummed(scene, peer, rows, u - d)
+    amplitude = scene.amplitude(station, rows)[:, None] * ray.amplitude
+    if scene.fall[station]:
+        amplitude = amplitude * np.exp(-math.log(10.0) / 20.0 * scene.fall[station] * (a * u / c.ramp_duration))
     u = u[:, margin : margin + c.sample_count]
     first, last = d[:, :1], d[:, -1:]  # a crane moves nanometres while a chirp begins
-    on = np.maximum(first, 0.0), np.minimum(c.ramp_duration / a, c.ramp_duration / b + last)
-    off = tuple((u[:, part] < on[0]) | (u[:, part] > on[1]) for part in (slice(None, _EDGE), slice(-_EDGE, None)))
-    amplitude = scene.amplitude(station, rows)[:, None] * ray.amplitude
+    (start, end), (peer_start, peer_end) = (scene.straight[s] for s in (station, peer))
+    on = (
+        np.maximum(peer_start / b + first, start / a),
+        np.minimum(min(end, c.ramp_duration) / a, min(peer_end, c.ramp_duration) / b + last),
+    )
+    edge = min(_EDGE + _longest_window(scene), u.shape[1])
+    off = tuple((u[:, part] < on[0]) | (u[:, part] > on[1]) for part in (slice(None, edge), slice(-edge, None)))
     return Heard(amplitude, turns, u, (off[0], off[1]), on, d[:, d.shape[1] // 2])
 
 
@@ -435,7 +395,7 @@ class _Oscillators:
 def receive(scene: Scene, station: int, rows: Rows, rays: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Return what stands before the ADC, from filtered rays and white noise; [rows, samples] [LSB]."""
     hooks = sorted(scene.analogue[station], key=lambda pair: pair[0])
-    signal = noise
+    signal = np.zeros_like(noise) if scene.noise_behind[station] else noise
     for stage, hook in hooks:
         if stage is Stage.INPUT:
             signal = hook(scene, station, rows, signal)
@@ -444,7 +404,12 @@ def receive(scene: Scene, station: int, rows: Rows, rays: np.ndarray, noise: np.
         signal = fft.irfft(fft.rfft(signal) * response(frequency), signal.shape[1])
     signal = signal + rays
     for stage, hook in hooks:
-        if stage is not Stage.INPUT:
+        if stage is Stage.COUPLING:
+            signal = hook(scene, station, rows, signal)
+    if scene.noise_behind[station]:
+        signal = signal + noise
+    for stage, hook in hooks:
+        if stage > Stage.COUPLING:
             signal = hook(scene, station, rows, signal)
     return signal
 

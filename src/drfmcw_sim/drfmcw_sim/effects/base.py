@@ -37,7 +37,7 @@ class Effect:
     bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
     formula: ClassVar[str] = ''  # one line
-    example: ClassVar[dict[str, float]] = {}  # parameters of a typical size
+    example: ClassVar[dict[str, float | list[float]]] = {}  # parameters of a typical size
     recipes: ClassVar[tuple[Recipe, ...]] = ()  # how to search for it, one for each set of its parameters
 
     station: str = dataclasses.field(default='', kw_only=True)
@@ -53,7 +53,7 @@ class Effect:
     @classmethod
     @functools.cache
     def list_parameters(cls) -> frozenset[str]:
-        """Return the names of the parameters that hold a list, one value for each distance of a standing crane."""
+        """Return the names of the parameters that hold a list, for example one value for each distance."""
         return frozenset(name for name, kind in typing.get_type_hints(cls).items() if kind == list[float])
 
     def applies_to(self, station: str) -> bool:
@@ -66,6 +66,14 @@ class Effect:
 
     def prepare(self, m: Measurements) -> None:
         """Change clocks, delays, paths, powers or noise of the measurements, in place."""
+
+    def draw(self, station: Station, streams: Callable[[], list[np.random.Generator]]) -> None:
+        """Change the state of one station by random numbers, which differ from sweep to sweep, in place.
+
+        Args:
+            station: at which the effect acts.
+            streams: as for `receive`; an effect that draws here draws nothing there.
+        """
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray | float:
         """Return what the effect adds to the transmit phase of `station` [rad].

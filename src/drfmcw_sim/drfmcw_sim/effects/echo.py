@@ -1,6 +1,7 @@
 """A second, longer path."""
 
 import dataclasses
+import math
 
 from drfmcw_physics.settings import parameter
 
@@ -13,10 +14,13 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class Echo(Effect, name='echo', of=Of.PATH):
-    """A reflector beside the direct path, at constant excess range; its carrier phase follows from its length."""
+    """A reflector beside the direct path, at constant excess range; its carrier phase is its length's and its own."""
 
     acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
-    formula = "second path of length R + excess_range, amplitude 10^(relative_power / 20) of the direct one's"
+    formula = (
+        "second path of length R + excess_range, amplitude 10^(relative_power / 20) of the direct one's; "
+        'phase turns its IF as a longer way does, at both stations'
+    )
     example = {'excess_range': 7.5, 'relative_power': -30.0}
     stage = Stage.PATHS
     movable = True
@@ -39,6 +43,12 @@ class Echo(Effect, name='echo', of=Of.PATH):
 
     excess_range: float = parameter(unit='m', bounds=(0.0, 1e5), description='length beyond the direct path')
     relative_power: float = parameter(unit='dB', bounds=(-200.0, 20.0), description='power relative to the direct path')
+    phase: float = parameter(
+        0.0,
+        unit='rad',
+        bounds=(-10.0, 10.0),
+        description='by which the reflector delays the carrier, beyond what the length does',
+    )
 
     def prepare(self, m: Measurements) -> None:
         """Add the path."""
@@ -49,5 +59,6 @@ class Echo(Effect, name='echo', of=Of.PATH):
                 direct.rate.copy(),
                 direct.acceleration.copy(),
                 direct.amplitude * 10.0 ** (self.relative_power / 20.0),
+                self.phase / (2.0 * math.pi),
             )
         )

@@ -16,7 +16,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class IfFilter(Effect, name='if_filter', of=Of.STATION):
-    """First-order low-pass between mixer and amplifier, for signal, leakage and noise alike.
+    """First-order low-pass between mixer and amplifier, for signal, leakage and noise alike, or all but the noise.
 
     Discretised by its analogue response H(f) at every frequency up to Nyquist, on the spectrum of the record padded
     with as many zeros: exact for what is sampled without aliasing, whatever the pole, also above Nyquist. A cut-off
@@ -31,6 +31,12 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
     recipes = (Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),)
 
     pole: float = parameter(unit='Hz', bounds=(1e3, 1e18), description='frequency at which the power is halved')
+    noise_behind: bool = parameter(False, description="the receiver's noise enters behind the filter, not ahead of it")
+
+    def prepare(self, m: Measurements) -> None:
+        """Say where the noise enters."""
+        for station in self.own_stations(m):
+            station.noise_behind |= self.noise_behind
 
     def receive(
         self,

@@ -15,17 +15,21 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
-    """Leakage over a path without delay: mixed with itself, the chirp gives a constant while it is on."""
+    """Leakage over a short path: mixed with itself, the chirp gives a constant, or with a delay a line at k delay.
+
+    The oscillator's own phase noise and ramp errors nearly cancel over so short a delay; they are left out.
+    """
 
     title = 'TX leakage'
     acts_on = ActsOn.SAMPLES
-    formula = 'x → x + s 10^(level / 20) while the chirp is on, s full scale'
+    formula = 'x → x + s 10^(level / 20) cos 2π(f₀ delay + k delay (u − ½ delay)) while both are on, s full scale'
     example = {'level': -40.0}
     recipes = (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),)
 
     level: float = parameter(
-        unit='dBFS', bounds=(-200.0, 20.0), description='of the constant; ADC full scale is 0 dBFS'
+        unit='dBFS', bounds=(-200.0, 20.0), description='of the constant or the line; ADC full scale is 0 dBFS'
     )
+    delay: float = parameter(0.0, unit='ns', bounds=(0.0, 1e6), description='of the leakage; 0 gives a constant')
 
     def receive(
         self,
@@ -34,10 +38,16 @@ class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Add the constant (to I of a quadrature receiver) while the station transmits."""
-        n = np.arange(station.sweep.sample_count)
-        on = n / (station.sweep.sample_rate * station.sample_clock[:, None]) <= (
-            station.sweep.ramp_duration / station.alpha[:, None]
-        )
-        target = signal[..., 0] if station.iq else signal
-        target += on * np.float32(station.full_scale * 10.0 ** (self.level / 20.0))
+        """Add the line, which a quadrature receiver sees as its own chirp times the conjugate of the leaked one."""
+        sweep, delay = station.sweep, 1e-9 * self.delay
+        u = np.arange(sweep.sample_count) / (sweep.sample_rate * station.sample_clock[:, None])
+        alpha = station.alpha[:, None]
+        on = (u >= delay) & (u <= sweep.ramp_duration / alpha)
+        turns = alpha * delay * (sweep.start_frequency + alpha * sweep.chirp_rate * (u - 0.5 * delay))
+        angle = (2.0 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+        amplitude = on * np.float32(station.full_scale * 10.0 ** (self.level / 20.0))
+        if station.iq:
+            signal[..., 0] += amplitude * np.cos(angle)
+            signal[..., 1] += amplitude * np.sin(angle)
+        else:
+            signal += amplitude * np.cos(angle)

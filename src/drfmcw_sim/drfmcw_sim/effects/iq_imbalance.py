@@ -1,0 +1,44 @@
+"""I and Q of the receiver are not alike."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from drfmcw_physics.settings import parameter
+
+from ..measurements import Measurements, Station
+from .base import Effect
+from .traits import ActsOn, Of, Stage
+
+
+@dataclasses.dataclass(frozen=True)
+class IqImbalance(Effect, name='iq_imbalance', of=Of.STATION):
+    """Gain and phase by which Q differs from I turned by 90 degrees: an image at -f. A real IF is left as it is."""
+
+    title = 'IQ imbalance'
+    acts_on = ActsOn.SAMPLES
+    formula = 'Q → 10^(gain / 20) (Q cos phase − I sin phase), I as it is'
+    example = {'gain': 0.5, 'phase': 2.0}
+    stage = Stage.FILTER
+
+    gain: float = parameter(0.0, unit='dB', bounds=(-60.0, 60.0), description='of Q over I')
+    phase: float = parameter(
+        0.0, unit='deg', bounds=(-90.0, 90.0), description='of Q beyond 90 degrees behind I, as cos(D - 90 deg - phase)'
+    )
+
+    def receive(
+        self,
+        signal: np.ndarray,
+        station: Station,
+        m: Measurements,
+        streams: Callable[[], list[np.random.Generator]],
+    ) -> None:
+        """Mix I into Q, and amplify Q."""
+        if not station.iq:
+            return
+        gain, phase = 10.0 ** (self.gain / 20.0), math.radians(self.phase)
+        quadrature = signal[..., 1]
+        quadrature *= np.float32(gain * math.cos(phase))
+        quadrature -= np.float32(gain * math.sin(phase)) * signal[..., 0]

@@ -1,0 +1,27 @@
+"""Only a part of the ramp is straight."""
+
+import dataclasses
+
+from drfmcw_physics.settings import parameter
+
+from ..measurements import Measurements
+from .base import Effect
+from .traits import ActsOn, Of
+
+
+@dataclasses.dataclass(frozen=True)
+class RampWindow(Effect, name='ramp_window', of=Of.STATION):
+    """Dead time and fly-back: outside the window no receiver sees this station's ramp, neither as own nor as peer's."""
+
+    acts_on = ActsOn.AMPLITUDE
+    formula = 'f(t) = f₀ + k t for start ≤ t ≤ end, t in the own clock; no IF of it outside'
+    example = {'start': 5e-5, 'end': 9.5e-4}
+
+    start: float = parameter(0.0, unit='s', bounds=(0.0, 100.0), description="of the window, from the sweep's start")
+    end: float = parameter(100.0, unit='s', bounds=(0.0, 100.0), description="of the window, from the sweep's start")
+
+    def prepare(self, m: Measurements) -> None:
+        """Narrow the ramp."""
+        for station in self.own_stations(m):
+            first, last = station.straight
+            station.straight = (max(first, self.start), min(last, self.end))
