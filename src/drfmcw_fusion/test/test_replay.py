@@ -27,11 +27,12 @@ STANDING = DATA / 'recording_0'
 MOVING = DATA / 'recording_5'
 REAL = SHARED / 'real'
 RANGE = 'drfmcw_msgs/msg/RangeEstimate'
+MODULES = {'replay': 'drfmcw_fusion.replay', 'info': 'drfmcw_ros.bag.info'}
 
 
-def run(module, *arguments):
-    """Run a command line; return (exit status, stdout, stderr)."""
-    command = [sys.executable, '-m', f'drfmcw_fusion.{module}', *map(str, arguments)]
+def run(name, *arguments):
+    """Run a subcommand; return (exit status, stdout, stderr)."""
+    command = [sys.executable, '-m', MODULES[name], *map(str, arguments)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=100)
     return ended.returncode, ended.stdout, ended.stderr
 
