@@ -218,7 +218,7 @@ def apres(folder):
         '\r\n*** Burst Header ***\r\nTime stamp=2022-05-22 19:39:00\r\nRMB_Issue=C:VAB-I\r\n'
         'NSubBursts=3\r\nAverage=0\r\n'
         'TxAnt=1,0,0,0,0,0,0,0\r\nRxAnt=1,0,0,0,0,0,0,0\r\nnAttenuators=1\r\nAttenuator1=10.0,0.0\r\n'
-        'SamplingFreqMode=0\r\n'
+        f'SamplingFreqMode=0\r\nPeriod={SAMPLES / 40e3}\r\n'
         f'N_ADC_SAMPLES={SAMPLES}\r\n*** End Header ***\r\n'
     )
     with open(folder / 'a.dat', 'wb') as file:

@@ -52,7 +52,7 @@ class StationNode(SweepNode):
         self._settings = SettingsParameters(self, StationSettings, StationSettings(namespace.rpartition('/')[2]))
         settings = self._settings.value
         classes = dict.fromkeys(source.settings for source in Source.registry.values())
-        source_settings = {cls: SettingsParameters(self, cls).value for cls in classes}
+        source_settings: dict[type, Any] = {cls: SettingsParameters(self, cls).value for cls in classes}
         check_complete(settings)
         self._names = StationNames.of(settings.station, namespace)
         self._peers: set[str] = set()

@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 import traceback
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -79,11 +80,12 @@ class Failures:
         self.last = f'{type(error).__name__}: {text} ({place})'
 
 
+_FAILURES: weakref.WeakKeyDictionary[Node, Failures] = weakref.WeakKeyDictionary()
+
+
 def failures(node: Node) -> Failures:
     """Return the failures of a node's callbacks, one object per node."""
-    if not hasattr(node, 'callback_failures'):
-        node.callback_failures = Failures()
-    return node.callback_failures
+    return _FAILURES.setdefault(node, Failures())
 
 
 def spin(executor: SingleThreadedExecutor, node: Node) -> None:

@@ -118,8 +118,8 @@ class PairProcessor(StationProcessor):
 
     def _repeats(self, sweep: Sweep) -> bool:
         """Return whether a sweep's buffer was read twice; a joint estimate does not show it."""
-        samples = np.asarray(sweep.samples)
-        seen = sweep.sweep_id, zlib.crc32(samples)
+        samples = np.ascontiguousarray(sweep.samples)
+        seen = sweep.sweep_id, zlib.crc32(samples.data)
         before = self._newest.get((sweep.station, sweep.peer))
         self._newest[sweep.station, sweep.peer] = seen
         return before is not None and before[0] != seen[0] and before[1] == seen[1] and len(set(samples.tolist())) > 1
