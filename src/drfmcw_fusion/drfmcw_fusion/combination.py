@@ -4,11 +4,9 @@ import dataclasses
 import functools
 import math
 
-import numpy as np
-
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics import bounds
-from drfmcw_physics.oscillators import Calibration, delay_from_beat_sum
+from drfmcw_physics.oscillators import Alpha, Calibration, delay_from_beat_sum
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings, beat_frequency
 
@@ -73,8 +71,8 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
 def delay_on_true_clocks(
     sweeps: tuple[SweepSettings, SweepSettings],
     calibrations: tuple[Calibration, Calibration],
-    frequency: tuple[np.ndarray | float, np.ndarray | float],
-) -> np.ndarray | float:
+    frequency: tuple[Alpha, Alpha],
+) -> Alpha:
     """Return the delay of the whole path by both beat frequencies [Hz], clocks corrected as in `combine` [s]."""
     first, second = sweeps
     a1, a2 = (c.alpha for c in calibrations)

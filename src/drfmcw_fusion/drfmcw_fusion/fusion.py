@@ -110,8 +110,8 @@ class FusionNode(Node):
         for topic, kind in _WEATHER_TYPES.items():
             self._first.subscription(kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
         diagnostics = Diagnostics(self, 'fusion')
-        for pair in self._pairs:
-            diagnostics.add(f'Range {"/".join(pair)}', functools.partial(self._diagnose, pair))
+        for names in self._pairs:
+            diagnostics.add(f'Range {"/".join(names)}', functools.partial(self._diagnose, names))
         diagnostics.add('Pairing', self._diagnose_pairing)
         diagnostics.add('Inputs', self._diagnose_inputs)
         self._lost = (0, 0)

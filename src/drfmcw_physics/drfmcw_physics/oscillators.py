@@ -49,7 +49,7 @@ class Calibration:
     frame_id: str = ''
 
 
-def delay_from_beat_sum(beat_sum: float, chirp_rate: float, alpha_first: float, alpha_second: float) -> float:
+def delay_from_beat_sum(beat_sum: Alpha, chirp_rate: float, alpha_first: float, alpha_second: float) -> Alpha:
     """Return the path delay from the range-proportional frequency f_IF of eqs. 5, 6 and 18 [s].
 
     Args:

@@ -145,13 +145,14 @@ def draw_sweeps(m: Measurements, seed: int) -> list[np.random.Generator]:
 
 
 def _draw_noise(m: Measurements, generators: Sequence[np.random.Generator]) -> _Noise:
-    noisy = [(s.sweep, s.phase_noise) for s in m.stations if s.phase_noise is not None]
-    period = max(
-        (oscillator.period(s.sample_count, s.sample_rate, phase_noise, s.start_delay) for s, phase_noise in noisy),
-        default=0,
-    )
+    periods = [
+        oscillator.period(s.sweep.sample_count, s.sweep.sample_rate, s.phase_noise, s.sweep.start_delay)
+        for s in m.stations
+        if s.phase_noise is not None
+    ]
+    period = max(periods, default=0)
     values = [s.sweep.sample_count * (2 if s.iq else 1) for s in m.stations]
-    counts = [-(-v // 2) for v in values] + [oscillator.bin_count(period)] * len(noisy)
+    counts = [-(-v // 2) for v in values] + [oscillator.bin_count(period)] * len(periods)
     ends = np.cumsum(counts)[:-1]
     radii, cosines, sines = (np.split(part, ends, axis=1) for part in normal_pairs(generators, sum(counts)))
     additive = []

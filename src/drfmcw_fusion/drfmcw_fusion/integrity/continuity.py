@@ -28,6 +28,7 @@ _SETTLED = 8  # sweeps after which a track's velocity predicts the next phase
 _PHASE_ACCELERATION = 2.0  # times the largest one, for what the velocity lags behind
 _LONGEST_PHASE_STEP = 0.2  # [s]
 _PHASE_SHARE = 0.15  # of a range's standard deviation, that a phase may be off its prediction; its own is 0.01
+_MEAN_LENGTH = 16  # ranges after a break of the phases whose mean shows whether it moved them
 _LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 
@@ -107,12 +108,19 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         tracker, motion = _updated(state.main.tracker, measured, restart=True)
         return State(_track(tracker, measured, motion), seen=measured.stamp), Outcome(motion, PASSED, math.inf)
     scale = _scale(state.main.scatter)
-    track, motion, innovation, std, slack = _extended(state.main, state.other, measured, limits)
+    continued = _continued(state.other, measured, limits)
+    together = _same_phases(state.other, continued, measured, limits)
+    beside = None if together is False else state.other
+    track, motion, innovation, std, slack = _extended(state.main, beside, measured, limits)
     gate = GATE * max(scale, 1.0) * std + slack
     if not settings.monitor:
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
     verdict = _scatter_verdict(scale, measured.std)
-    if abs(innovation) <= gate and _phases_continue(state.main, track, measured, limits):
+    if together and continued is not None:
+        fits = _joined(state.main, continued, limits)
+    else:
+        fits = _phases_continue(state.main, track, measured, limits)
+    if fits and abs(innovation) <= gate:
         # however it is distributed, an error as large as the innovation stays within its standard deviation
         least = (abs(innovation) - slack) / _LARGEST_SHARE
         if least > math.hypot(measured.std, measured.doubt, verdict.std):
@@ -120,7 +128,7 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         if state.other is not None and slack > _LARGEST_SHARE * std:  # it may as well belong to neither
             verdict &= refuse(Test.CONTINUITY)
         return State(track, None, measured.stamp), Outcome(motion, verdict, gate, scale)
-    other = _other(state, measured, limits)
+    other = continued or _branch(state.main, measured)
     verdict &= refuse(Test.CONTINUITY)
     if _takes_over(state.main, other, innovation, settings):
         motion = other.tracker.coast(measured.stamp)
@@ -132,19 +140,37 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
 
 
 def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:
-    """Return whether the carrier phase went on as the largest acceleration allows.
+    """Return whether the carrier phase of a settled track went on, or cannot show that it did not.
 
     Phases are a hundred times as accurate as ranges, and what is wrong with a sweep leaves them anywhere within a half
     wavelength.
     """
+    return before.count < _SETTLED or _same_phases(before, after, measured, limits) is not False
+
+
+def _same_phases(before: Track | None, after: Track | None, measured: Measured, limits: Limits) -> bool | None:
+    """Return whether a sweep's carrier phase follows a track's as the largest acceleration allows; None if unknown."""
+    if before is None or after is None or not (before.known and after.known):
+        return None
     step = (measured.stamp - before.measured.stamp) * 1e-9
-    if step > _LONGEST_PHASE_STEP:
-        return True  # ranges alone must do
     velocity, displacement = before.tracker.coast(measured.stamp).velocity, after.tracker.last_step()
-    if before.count < _SETTLED or not (before.known and after.known and math.isfinite(displacement - velocity)):
-        return True
+    if step > _LONGEST_PHASE_STEP or not math.isfinite(displacement - velocity):
+        return None  # ranges alone must do
     most = _PHASE_ACCELERATION * limits.acceleration * step**2 + _PHASE_SHARE * measured.std
     return abs(displacement - velocity * step) <= most
+
+
+def _joined(main: Track, other: Track, limits: Limits) -> bool:
+    """Return whether another track, whose phases go on, turns out to be the main one after a break of the phases.
+
+    What broke them may have moved the ranges by less than one of them shows; the mean of many shows it.
+    """
+    if other.count < _MEAN_LENGTH:
+        return False
+    gap = (other.begin - main.measured.stamp) * 1e-9
+    displacement, slack = _coasted(main.tracker.coast(other.begin), gap, limits)
+    offset = other.position - (main.position + displacement + other.moved)
+    return abs(offset) <= GATE * math.sqrt(main.variance + other.variance) + slack + other.slack
 
 
 def _takes_over(main: Track, other: Track, innovation: float, settings: IntegritySettings) -> bool:
@@ -161,14 +187,17 @@ def _takes_over(main: Track, other: Track, innovation: float, settings: Integrit
     return innovation < 0.0 and steady
 
 
-def _other(state: State, measured: Measured, limits: Limits) -> Track:
-    """Return the other track with a sweep that does not continue the main one; a new one where it continues neither."""
-    if state.other is not None:
-        track, _, innovation, std, slack = _extended(state.other, None, measured, limits)
-        if abs(innovation) <= GATE * std + slack:
-            return track
-    # the crane moves on as before, wherever the range has gone
-    tracker, motion = _updated(state.main.tracker.branch(), measured)
+def _continued(track: Track | None, measured: Measured, limits: Limits) -> Track | None:
+    """Return a track with a sweep whose range continues it, else None."""
+    if track is None:
+        return None
+    extended, _, innovation, std, slack = _extended(track, None, measured, limits)
+    return extended if abs(innovation) <= GATE * std + slack else None
+
+
+def _branch(main: Track, measured: Measured) -> Track:
+    """Return another track that begins with a sweep: the crane moves on as before, wherever the range has gone."""
+    tracker, motion = _updated(main.tracker.branch(), measured)
     return _track(tracker, measured, motion)
 
 

@@ -11,6 +11,7 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, from_mapping, read_yaml
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagWriter, typestore
+from drfmcw_ros.messages import ImplausibleError, check
 from drfmcw_ros.topics import STATION_TOPICS
 
 from ..formats.base import Format, Numbers, Source, choose_format
@@ -165,7 +166,12 @@ class Importer:
             calibration = Calibration(sweep.station, delay=radar.delay, stamp=radar.start, frame_id=sweep.station)
             for topic, content in (('sweep_config', sweep), ('calibration', calibration)):
                 kind = STATION_TOPICS[topic]
-                bag.write(f'/{sweep.station}/{topic}', kind, radar.start, as_rosbags(content, kind))
+                message = as_rosbags(content, kind)
+                try:
+                    check(message)
+                except ImplausibleError as error:
+                    raise ConfigurationError(f'{name}: {error}') from None
+                bag.write(f'/{sweep.station}/{topic}', kind, radar.start, message)
 
     def _write(self, codes: Numbers, bag: BagWriter, times: Numbers) -> None:
         assert self._coder is not None

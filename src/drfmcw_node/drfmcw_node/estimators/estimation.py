@@ -426,7 +426,7 @@ class Estimator:
             snr: line power over additive noise power in a bin of 1/duration (B,) [1].
         """
         inverse = 1.0 / snr
-        variance: float | np.ndarray = self._phase_noise_variance
+        variance: np.ndarray | float = self._phase_noise_variance
         if not self.iq:
             for noise in self.noises:
                 inverse = inverse + image_noise_ratio(noise, frequency, self.duration, self.sweep.sample_rate)

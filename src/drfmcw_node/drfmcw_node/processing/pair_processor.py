@@ -118,7 +118,7 @@ class PairProcessor(StationProcessor):
 
     def _repeats(self, sweep: Sweep) -> bool:
         """Return whether a sweep's buffer was read twice; a joint estimate does not show it."""
-        samples = np.asarray(sweep.samples)
+        samples = np.ascontiguousarray(sweep.samples)
         seen = sweep.sweep_id, zlib.crc32(samples.data)
         before = self._newest.get((sweep.station, sweep.peer))
         self._newest[sweep.station, sweep.peer] = seen

@@ -59,9 +59,9 @@ class StationProcessor:
         self._calibrations[calibration.station].add(calibration.stamp, calibration)
         self._forget_estimators()
         for pair, history in self._sweep_settings.items():
-            latest = history.latest()
-            if calibration.station in pair and latest is not None:
-                self._prepare(latest)
+            newest = history.latest()
+            if calibration.station in pair and newest is not None:
+                self._prepare(newest)
 
     def _forget_estimators(self) -> None:
         """Forget the prepared estimators, because settings or calibrations changed."""
