@@ -13,17 +13,18 @@ from drfmcw_sim.effects import Effect
 from .compare.comparison import Comparison
 from .compare.limits import SCATTER
 from .finding.refined import write_scenario
-from .finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, NextMeasurement
+from .finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, NextMeasurement, Remainder
 from .finding.views import locations, misfit_map, remainder, separability, series
 from .finding.wording import sentences
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
+from .recording.thinning import representative
 from .search.bank import recipes
 from .search.fitting import Fitted, FittedEffect, Fitting
 from .search.leftovers import leftovers
-from .search.rivals import rivals, widened
 from .search.search import Search
 from .search.selection import searched
+from .search.verdict import Judgement, judged
 
 FALSE_ALARM_RATE = 0.01
 """Accepted chance of finding a mismatch in a recording that holds none."""
@@ -91,26 +92,16 @@ def diagnose_dataset(
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
-    comparison = Comparison(data)
+    rows = representative(data.group)
+    comparison = Comparison(data, rows)
     search = Search(comparison, progress, without, jobs)
     result = searched(search, false_alarm_rate)
-    found, significance = result.explanation, result.significance
-    left = leftovers(search, found)
-    unexplained = [x for x in left if x.probability < false_alarm_rate]
-    alternatives: list[Fitted] = []
-    if unexplained:
-        verdict, chosen = 'unexplained', None
-        significance = min(significance, unexplained[0].probability)
-    elif found is None:
-        verdict, chosen = 'consistent', None
-    else:
-        found = widened(found, result.exchanged)
-        alternatives = rivals(search, found, result.exchanged)
-        verdict, chosen = ('ambiguous' if alternatives else 'explained'), found
+    judgement = judged(search, result, false_alarm_rate)
+    verdict, chosen, alternatives = judgement.verdict, judgement.explanation, judgement.alternatives
     deciding: tuple[NextMeasurement, ...] = ()
-    if found is not None and alternatives:
+    if chosen is not None and alternatives:
         report('measurements that would decide', 0.93)
-        deciding = ranked(search, found, alternatives)
+        deciding = ranked(search, chosen, alternatives)
     report('held-out sweeps', 0.95)
     explanation = _explanation(search, chosen) if chosen else None
     refined = None
@@ -118,13 +109,14 @@ def diagnose_dataset(
         Path(out).mkdir(parents=True, exist_ok=True)
         refined = str(Path(out) / 'refined.yaml')
         write_scenario(refined, data, [_entry(e) for e in chosen.effects])
-    fitted_rows, held_rows = _split(data)
+    fitted_rows, held_rows = _split(data, rows)
     diagnosis = Diagnosis(
         recording=data.path,
         verdict=verdict,
-        significance=significance,
+        significance=judgement.significance,
         false_alarm_rate=false_alarm_rate,
         locations=locations(comparison),
+        remainder=_remainder(comparison, judgement),
         explanation=explanation,
         alternatives=tuple(_explanation(search, r) for r in alternatives),
         next_measurement=deciding[0].sentence if deciding and deciding[0].decides else None,
@@ -144,6 +136,18 @@ def diagnose_dataset(
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
 
 
+def _remainder(comparison: Comparison, judgement: Judgement) -> Remainder | None:
+    """Return what the effects that are named leave beyond chance, None where nothing is left or none is named."""
+    if judgement.explanation is None or not judgement.remainder:
+        return None
+    rest = remainder(comparison, judgement.explanation)
+    used = np.isfinite(rest)
+    after = float(np.sum(rest[used] ** 2)) - np.count_nonzero(used)
+    before = float(np.sum(comparison.residual[used] ** 2)) - np.count_nonzero(used)
+    share = float(np.clip(after / max(before, 1.0), 0.0, 1.0))
+    return Remainder(judgement.remainder[0].probability, share, locations(comparison, rest))
+
+
 def check(data: Dataset) -> tuple[float, float]:
     """Return the chance of what the nominal model leaves over, and its misfit per degree of freedom; no search.
 
@@ -153,15 +157,15 @@ def check(data: Dataset) -> tuple[float, float]:
     Raises:
         ConfigurationError: the data lack what is needed.
     """
-    comparison = Comparison(data)
+    comparison = Comparison(data, representative(data.group))
     return leftovers(Fitting(comparison), None)[0].probability, _per_freedom(comparison, None)
 
 
-def _split(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sweeps to fit and those to judge by: the first of each group, and the rest."""
+def _split(data: Dataset, compared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sweeps to fit and those to judge by: the first of each group that are compared, and the rest."""
     fitted, held = [], []
-    for g in np.unique(data.group):
-        rows = np.flatnonzero(data.group == g)
+    for g in np.unique(data.group[compared]):
+        rows = compared[data.group[compared] == g]
         at = max(SCATTER.fewest, round(LIMITS.fitted_share * len(rows)))
         fitted.append(rows[:at])
         if len(rows) - at >= SCATTER.fewest:
@@ -226,6 +230,8 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     parameters = {}
     for name in effect.candidate.free:
         value, std = effect.told.get(name, (effect.values[name], effect.stds[name]))
+        if name == effect.candidate.recipe.carrier[0]:
+            value, std = effect.candidate.reflected(effect.values), _phase_std(effect)
         unit = declared[name.partition('[')[0]][1].unit
         base, recipe = name.partition('[')[0], effect.candidate.recipe
         decibel = unit.startswith('dB')
@@ -246,8 +252,18 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     )
 
 
+def _phase_std(effect: FittedEffect) -> float:
+    """Return the standard deviation of a reflector's phase [rad], at most that of any phase."""
+    phase, length = effect.candidate.recipe.carrier
+    turns = 2.0 * math.pi * effect.stds[length] / effect.candidate.recipe.wavelength
+    return min(math.hypot(effect.stds[phase], turns), math.pi / math.sqrt(3.0))
+
+
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
     sentences_ = [*data.missing, *search.comparison.known.untold()]
+    compared = sum(map(len, search.comparison.members))
+    if len(representative(data.group)) < len(data):
+        sentences_.append(f'Compared: {compared} of {len(data)} sweeps, spread evenly over the recording.')
     unsearched = sorted({*Effect.registry} - {effect for effect, _ in recipes(without)})
     if unsearched:
         sentences_.append(f'Not searched for: {", ".join(unsearched)}.')

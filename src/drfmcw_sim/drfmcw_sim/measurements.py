@@ -80,8 +80,10 @@ class Path:
 
     def rows(self, rows: slice | np.ndarray) -> 'Path':
         """Return a copy for some of the measurements."""
-        arrays = (x[rows].copy() for x in (self.delay, self.rate, self.acceleration, self.amplitude))
-        return Path(*arrays, self.phase)
+        delay, rate, acceleration, amplitude = (
+            x[rows].copy() for x in (self.delay, self.rate, self.acceleration, self.amplitude)
+        )
+        return Path(delay, rate, acceleration, amplitude, self.phase)
 
 
 @dataclasses.dataclass

@@ -1,6 +1,5 @@
 """What the simulator does around the signal: recordings it writes, and flow control of the live node."""
 
-
 import numpy as np
 import pytest
 from checkout import CONFIG, DATA

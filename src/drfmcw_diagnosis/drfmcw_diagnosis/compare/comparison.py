@@ -18,8 +18,6 @@ from .measuring import Evidence
 from .predicting import Expected, Predictor
 from .recorded_sweeps import RecordedSweeps
 
-_SIMULATED_APART = ((False, False), (True, False), (False, True))  # of distorting, of bursts
-
 
 class Comparison:
     """Measured features, their standard deviations, and predictions of the simulator's forward model.
@@ -143,13 +141,51 @@ class Comparison:
         """Return the predicted numbers of a kind of all groups in their order."""
         return self._model.joined([kind.predicted(e) for e in expected], kind.per_sweep)
 
+    @functools.cached_property
+    def common_errors(self) -> np.ndarray:
+        """What the forward model without effects may be off by in many numbers at once, whitened (k, n).
+
+        Each row is one error of one standard deviation of its prior.
+        """
+        nominal = self._model.expected(())
+        found = [np.zeros((0, len(self.residual)))]
+        for kind in self.kinds:
+            for values in kind.common_errors(self.std[kind.name], nominal):
+                row = np.zeros((1, len(self.residual)))
+                row[0, self._rows[kind.name].ravel()] = np.nan_to_num(values / self.std[kind.name]).ravel()
+                found.append(row)
+        return np.concatenate(found)
+
+    def displaced(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return `template` with the target farther by the standard deviation of each group's mean reference."""
+        expected = self._model.expected(tuple(e for e in effects if not e.bursts), displaced=True)
+        moved = self._vector(Groups({kind.name: self._joined(kind, expected) for kind in self.kinds}))
+        bursting = tuple(e for e in effects if e.bursts)
+        return moved + self._vector(self.predict(bursting)) if bursting else moved
+
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp with `effects` changes from sweep to sweep (G, 2 S, K), see `Predictor`."""
         return self._model.changing(effects)
 
-    def template(self, effects: Sequence[Effect]) -> np.ndarray:
-        """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`."""
-        # apart, as a distortion or a burst takes many sweeps to simulate
-        apart = [tuple(e for e in effects if (e.distorts, e.bursts) == kind) for kind in _SIMULATED_APART]
+    def template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
+        """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`.
+
+        Args:
+            effects: that act.
+            around: effects without distortion, on which a distortion acts in place of those among `effects`: what it
+                adds to similar ones is nearly the same, and so known already. None: on the very ones.
+        """
+        if not effects:
+            return self._vector(self.plain)
+        # bursts are simulated apart: they come and go among the noise, whatever the line does
+        apart = tuple(e for e in effects if e.bursts), tuple(e for e in effects if not e.bursts)
+        distorting = tuple(e for e in effects if e.distorts)
+        if around is not None and distorting:
+            apart = apart[0], tuple(e for e in apart[1] if not e.distorts)
         vectors = (self._vector(self.predict(part)) for part in apart if part)
-        return functools.reduce(np.add, vectors, np.zeros(len(self.residual))) if effects else self._vector(self.plain)
+        result = functools.reduce(np.add, vectors, np.zeros(len(self.residual)))
+        if around is not None and distorting:
+            result += self._vector(self.predict((*around, *distorting)))
+            if around:
+                result -= self._vector(self.predict(around))
+        return result

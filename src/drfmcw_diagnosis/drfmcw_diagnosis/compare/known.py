@@ -76,7 +76,7 @@ class Known:
         if self._alone:
             said.append(
                 f"Station '{self._data.stations[self._heard[0]]}' alone does not show movement by its phase. Its "
-                "oscillator noise does not cancel, so it hides small effects on the chirps"
+                'oscillator noise does not cancel, so it hides small effects on the chirps'
             )
         if not self.distance().all():
             said.append('Received power is not compared where the distance is not accurate enough')

@@ -47,6 +47,13 @@ class ModelLimits:
     skirt: float = 0.1
     """Of the oscillators' skirts [dB]; chosen."""
 
+    common_floor: float = 0.04
+    """Of a station's white noise floor in all bands and groups at once [dB]; chosen."""
+
+    common_skirt: float = 0.15
+    """Of a station's skirts at once, of their level and of their tilt from 0 Hz to the Nyquist frequency [dB];
+    chosen."""
+
     beat: float = 10.0
     """Of T_off on average, in the sum of both beat frequencies [Hz]; chosen."""
 
@@ -158,6 +165,9 @@ class SimulationLimits:
 
     bursting: int = 12
     """Sweeps simulated per group, at most, where an effect comes and goes; chosen."""
+
+    undistorted: int = 32
+    """Explanations whose noisy sweeps without distortion are kept; chosen."""
 
     raised: float = 1.5
     """Of the noise [1], where the median around a bin counts as raised by lines; chosen."""

@@ -32,7 +32,28 @@ class NoiseModel:
         # of the lines (G, S), at each frequency of a line [LSB^2]
         self._powers = 10.0 ** (amplitude / 10.0) * self._topology.line_share
         self._lines = np.array([sweeps.line.mean(axis=0) for sweeps in recorded.sweeps])
+        self._powers *= self._spread(recorded)
         self._known: dict[tuple, np.ndarray] = {}  # coherences by what they depend on
+
+    def _spread(self, recorded: RecordedSweeps) -> np.ndarray:
+        """Return the power of the lines with all that spreads them, over their coherent power (G, S).
+
+        A curved ramp or a second path spreads a line over many bins; its skirts follow all of its power.
+        """
+        result = np.ones(self._powers.shape)
+        width = recorded.sample_rate / 2 / (self._bins - 1)
+        for part in recorded.parts:
+            # of a line of unit power, summed over its bins
+            summed = np.array(part.extract.window_power) * 2.0 * (self._bins - 1)
+            for group in part.groups:
+                mean = recorded.sweeps[group].power.mean(axis=0)
+                for station, power in enumerate(mean):
+                    at = round(self._lines[group, station] / width)
+                    low, high = max(at - LINE, 0), min(at + LINE + 1, self._bins)
+                    around = np.concatenate([power[max(low - LINE, 0) : low], power[high : high + LINE]])
+                    total = np.sum(power[low:high] - np.median(around)) / summed[station]
+                    result[group, station] = total / self._powers[group, station]
+        return result
 
     def predicted(
         self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray
@@ -87,10 +108,14 @@ class NoiseModel:
             part: groups of one setting.
             noise: of these without effects (G, S, BANDS) [dB of 1 LSB^2 per sample].
         """
-        floor = np.stack([self._floor(part.steady.stations[i], np.ones((1, 1))) for i in self._topology.heard], axis=1)
-        share = 1.0 - floor / 10.0 ** (noise / 10.0)
-        limit: np.ndarray = MODEL.floor + MODEL.skirt * np.clip(share, 0.0, 1.0)
+        limit: np.ndarray = MODEL.floor + MODEL.skirt * self.skirt_share(part, noise)
         return limit
+
+    def skirt_share(self, part: Part, noise: np.ndarray) -> np.ndarray:
+        """Return the share of the oscillators' skirts in the noise in bands (G, S, BANDS); arguments as `limit`."""
+        floor = np.stack([self._floor(part.steady.stations[i], np.ones((1, 1))) for i in self._topology.heard], axis=1)
+        share: np.ndarray = np.clip(1.0 - floor / 10.0 ** (noise / 10.0), 0.0, 1.0)
+        return share
 
     def _coherence(self, part: Part, state: Measurements, effects: Sequence[Effect]) -> np.ndarray:
         """Return the coherence of both lines' phase noise in each group (G, OFFSETS); zero where it is not compared.

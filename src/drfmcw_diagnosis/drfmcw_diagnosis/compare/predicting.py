@@ -50,12 +50,20 @@ class Expected:
         bursting: an effect comes and goes.
     """
 
-    def __init__(self, model: 'Predictor', recorded: Part, effects: tuple[Effect, ...]) -> None:
-        """Put the groups where the effects have them."""
-        self.model, self.recorded, self.effects = model, recorded, effects
-        self.part, self.reference = model.placed(recorded, effects)
+    def __init__(
+        self, model: 'Predictor', recorded: Part, effects: tuple[Effect, ...], displaced: bool = False
+    ) -> None:
+        """Put the groups where the effects have them; `displaced` by a standard deviation of the reference's mean."""
+        self.model, self.recorded, self.effects, self._displaced = model, recorded, effects, displaced
+        self.part, self.reference = model.placed(recorded, effects, displaced)
         self.distorting = any(e.distorts for e in effects)
         self.bursting = any(e.bursts for e in effects)
+
+    @functools.cached_property
+    def undistorted(self) -> 'Expected':
+        """The same without the effects that distort the IF."""
+        effects = tuple(e for e in self.effects if not e.distorts)
+        return Expected(self.model, self.recorded, effects, self._displaced)
 
     @property
     def std(self) -> Mapping[str, np.ndarray]:
@@ -140,18 +148,18 @@ class Predictor:
         self.noise = NoiseModel(recorded, np.isfinite(std['coherence']).any(axis=1))
         # what there is without any effect, and what noise makes of it, by the first group of a part
         self._plain: dict[int, Expected] = {}
-        self._undistorted: dict[int, tuple[np.ndarray, ...]] = {}
+        self._undistorted: dict[tuple[int, tuple[Effect, ...]], tuple[np.ndarray, ...]] = {}
         self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         # where the parts' groups and their sweeps stand, part after part
         group = np.concatenate([part.groups for part in recorded.parts])
         self._group_order = np.argsort(group)
         self._sweep_order = np.argsort(np.repeat(group, [len(recorded.members[g]) for g in group]), kind='stable')
 
-    def expected(self, effects: Sequence[Effect]) -> list[Expected]:
-        """Return what the model with `effects` makes of the groups, setting by setting."""
+    def expected(self, effects: Sequence[Effect], displaced: bool = False) -> list[Expected]:
+        """Return what the model with `effects` makes of the groups, setting by setting; see `Expected`."""
         if not effects:
             return [self.plain(part) for part in self.recorded.parts]
-        return [Expected(self, part, tuple(effects)) for part in self.recorded.parts]
+        return [Expected(self, part, tuple(effects), displaced) for part in self.recorded.parts]
 
     def plain(self, part: Part) -> Expected:
         """Return what the model without effects makes of the groups of one setting; kept."""
@@ -181,10 +189,13 @@ class Predictor:
         A limiter holds noise down, and noise carries a line across a limit that it does not reach by itself. So sweeps
         are simulated with noise, once with and once without the distortion.
         """
-        first = int(part.groups[0])
-        if first not in self._undistorted:
-            self._undistorted[first] = self._noisy(part, ())
-        pairs = zip(self._noisy(part, effects), self._undistorted[first], strict=True)
+        others = tuple(e for e in effects if not e.distorts)
+        known = int(part.groups[0]), others
+        if known not in self._undistorted:
+            while len(self._undistorted) >= SIMULATION.undistorted:
+                del self._undistorted[next(iter(self._undistorted))]
+            self._undistorted[known] = self._noisy(part, others)
+        pairs = zip(self._noisy(part, effects), self._undistorted[known], strict=True)
         noise, harmonic, piled = (after - before for after, before in pairs)
         return Distortion(np.nan_to_num(noise), harmonic, piled)
 
@@ -215,14 +226,16 @@ class Predictor:
         bands = [self.recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
         return np.array([unevenness(q)[0] for q in quiet]), np.array(bands)
 
-    def placed(self, part: Part, effects: Sequence[Effect]) -> tuple[Part, np.ndarray]:
-        """Return where the model has its groups, and what the reference says there (G,) [m].
+    def placed(self, part: Part, effects: Sequence[Effect], displaced: bool = False) -> tuple[Part, np.ndarray]:
+        """Return where the model has its groups, and what the reference says there (G,) [m]; see `Expected`.
 
         An error of the reference means that the target stands elsewhere. To first order that changes the range alone;
         but a reflection, told to a part of the carrier's wavelength, follows the true distance.
         """
         reading = self._reference(part, effects)
         error = reading - part.steady.range
+        if displaced:
+            error = error - self.recorded.reference_noise[part.groups]
         if not error.any() or not any(ActsOn.DELAY in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
             return part, reading
         steady = part.steady.rows(slice(None))

@@ -32,6 +32,7 @@ class RecordedSweeps:
         shares: of each group's members in the coherence (n, OFFSETS).
         slope: of the reference in each group (G,) [m/s].
         slope_std: its standard deviation (G,), inf where there is no reference.
+        reference_noise: standard deviation of the reference's mean in each group (G,), 0 without reference [m].
         standing: the target stands, by its slope (G,).
         bands: in which their noise is compared.
     """
@@ -78,6 +79,11 @@ class RecordedSweeps:
         self.slope_std = np.array(
             [np.nanmean(slope_std[m]) if k else np.inf for m, k in zip(self.members, known, strict=True)]
         )
+        variance = [
+            np.nanmean(data.reference_std[m] ** 2) if np.isfinite(data.reference_std[m]).any() else 0.0
+            for m in self.members
+        ]
+        self.reference_noise = np.sqrt(np.array(variance) / [len(m) for m in self.members])
         self.standing = np.abs(self.slope) < SWEEPS.standing * np.where(known, self.slope_std, np.inf)
         self.bands = NoiseBands(data.sweeps[0][0].sample_rate, self.parts[0].extract.window_power)
 

@@ -11,7 +11,7 @@ from .limits import SEPARATION
 LEVELS = ('if_samples', 'if_spectrum', 'beat_frequency', 'amplitude', 'noise', 'range')
 """Levels at which data and model are compared."""
 
-VERDICTS = ('consistent', 'explained', 'ambiguous', 'unexplained')
+VERDICTS = ('consistent', 'explained', 'ambiguous', 'partial', 'unexplained')
 """What can come out."""
 
 
@@ -127,6 +127,15 @@ class NextMeasurement:
 
 
 @dataclasses.dataclass(frozen=True)
+class Remainder:
+    """What an explanation leaves beyond chance."""
+
+    probability: float  # of so much by chance
+    share: float  # of the excess misfit before
+    locations: tuple[Location, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Diagnosis:
     """Everything a diagnosis found."""
 
@@ -149,6 +158,7 @@ class Diagnosis:
     sweeps_held_out: int | None = None
     command: str = ''  # that gave this diagnosis
     measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
+    remainder: Remainder | None = None  # what the effects leave beyond chance
     places: int | None = None  # positions searched, over which chance is counted
 
     def as_object(self) -> dict[str, Any]:
@@ -157,17 +167,15 @@ class Diagnosis:
             'verdict': self.verdict,
             'significance': _known(self.significance),
             'false_alarm_rate': self.false_alarm_rate,
-            'locations': [
-                {
-                    'level': x.level,
-                    'station': x.station,
-                    'axis': x.axis,
-                    'from': _known(x.start),
-                    'to': _known(x.end),
-                    'share': _known(x.share),
-                }
-                for x in self.locations
-            ],
+            'locations': list(map(_location, self.locations)),
+            'remainder': None
+            if self.remainder is None
+            else {
+                'probability': _known(self.remainder.probability),
+                'share': _known(self.remainder.share),
+                'locations': list(map(_location, self.remainder.locations)),
+                'model': None,
+            },
             'effects': [] if self.explanation is None else [_effect(e) for e in self.explanation.effects],
             'alternatives': [
                 {'effects': [_effect(e) for e in a.effects], 'log_evidence_gain': _known(a.log_evidence_gain)}
@@ -195,6 +203,17 @@ class Diagnosis:
             'not_testable': list(self.not_testable),
             'summary': list(self.sentences),
         }
+
+
+def _location(x: Location) -> dict[str, Any]:
+    return {
+        'level': x.level,
+        'station': x.station,
+        'axis': x.axis,
+        'from': _known(x.start),
+        'to': _known(x.end),
+        'share': _known(x.share),
+    }
 
 
 def _effect(found: FoundEffect) -> dict[str, Any]:

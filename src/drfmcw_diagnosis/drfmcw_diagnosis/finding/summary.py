@@ -12,7 +12,7 @@ from .wording import sentences
 
 __all__ = ['COLORS', 'sentences', 'terminal']
 
-COLORS = {'consistent': 'green', 'explained': 'cyan', 'ambiguous': 'yellow', 'unexplained': 'red'}
+COLORS = {'consistent': 'green', 'explained': 'cyan', 'ambiguous': 'yellow', 'partial': 'magenta', 'unexplained': 'red'}
 """Of the verdicts."""
 
 

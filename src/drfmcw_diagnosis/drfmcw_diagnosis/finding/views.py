@@ -34,12 +34,19 @@ def _name(comparison: Comparison, kind: Kind, station: int) -> str | None:
     return None if receiver < 0 else comparison.receivers[receiver]
 
 
-def locations(comparison: Comparison) -> tuple[Location, ...]:
-    """Return where the excess over the nominal model sits, largest share first."""
+def locations(comparison: Comparison, beside: np.ndarray | None = None) -> tuple[Location, ...]:
+    """Return where an excess misfit lies, largest share first.
+
+    Args:
+        comparison: recording and model.
+        beside: whitened residuals that an explanation leaves (n,), NaN where it does not say what to expect; None takes
+            those of the nominal model.
+    """
     c = comparison
+    residual = c.residual if beside is None else np.nan_to_num(beside)
     excess: dict[tuple[Kind | None, int], float] = {}
     for kind, station in c.series():
-        z = c.residual[c.rows(kind, station)]
+        z = residual[c.rows(kind, station)]
         used = np.count_nonzero(z)
         if used:
             excess[kind, station] = max(float(z @ z) - used - VIEWS.beyond_chance * math.sqrt(2.0 * used), 0.0)
@@ -55,7 +62,7 @@ def locations(comparison: Comparison) -> tuple[Location, ...]:
             found.append(Location('if_samples', c.receivers[station], 'adc_code', low, high, amount / total))
             continue
         rows = c.rows(which, station)
-        x, squares = which.profile(c.recorded, c.residual[rows], c.entries.position[rows])
+        x, squares = which.profile(c.recorded, residual[rows], c.entries.position[rows])
         order = np.argsort(x)
         weight = np.cumsum(np.maximum(squares[order] - np.median(squares), 0.0))
         low, high = x[order][0], x[order][-1]

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -264,7 +265,8 @@ def headline(diagnosis: Diagnosis) -> str:
         return 'The model does not match this recording, and no known effect explains why'
     if diagnosis.verdict == 'ambiguous':
         return 'The model does not match this recording, and several explanations fit equally well'
-    return capital(_explained(diagnosis).replace(' + ', ' and '))
+    title = capital(_explained(diagnosis).replace(' + ', ' and '))
+    return f'{title}, and something that no known effect explains' if diagnosis.verdict == 'partial' else title
 
 
 def _explained(diagnosis: Diagnosis) -> str:
@@ -277,6 +279,7 @@ def paragraphs(diagnosis: Diagnosis) -> tuple[Paragraph, ...]:
         Paragraph('Finding', tuple(_finding(diagnosis))),
         Paragraph('Where', tuple(_where(diagnosis))),
         Paragraph('How sure', tuple(_certainty(diagnosis))),
+        Paragraph('Remainder', tuple(_remainder(diagnosis))),
         Paragraph('Fit', tuple(_fit(diagnosis))),
         Paragraph('Range', tuple(_range(diagnosis))),
         Paragraph('Rivals', tuple(_rivals(diagnosis))),
@@ -307,6 +310,13 @@ def _finding(diagnosis: Diagnosis) -> list[str]:
             'The model does not match the recording. Several explanations fit equally well, and this recording cannot '
             'separate them. The most probable one comes first.'
         ]
+    elif diagnosis.verdict == 'partial':
+        one = len(effects) == 1
+        said = [
+            f'The model does not match the recording. {_count(len(effects), "effect")} '
+            f'{"is" if one else "are"} there beyond doubt, but {"it does" if one else "they do"} not explain the whole '
+            'mismatch.'
+        ]
     elif len(effects) == 1:
         said = ['The model does not match the recording. One effect explains the mismatch.']
     else:
@@ -331,11 +341,30 @@ def range_change(diagnosis: Diagnosis) -> float | None:
 def _where(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == 'consistent' or not diagnosis.locations:
         return []
-    ordered = sorted(diagnosis.locations, key=lambda x: -x.share)
+    return [f'Contributions to the excess misfit: {_contributions(diagnosis.locations)}.']
+
+
+def _contributions(locations: Sequence[Location]) -> str:
+    ordered = sorted(locations, key=lambda x: -x.share)
     said = [f'{level_title(x.level, x.station)}, {span(x)}: {share(x.share)}' for x in ordered[: SENTENCES.listed]]
     more = len(ordered) - len(said)
     end = f'; and {_count(more, "smaller contribution")}' if more else ''
-    return [f'Contributions to the excess misfit: {"; ".join(said)}{end}.']
+    return '; '.join(said) + end
+
+
+def _remainder(diagnosis: Diagnosis) -> list[str]:
+    rest = diagnosis.remainder
+    if rest is None:
+        return []
+    said = [
+        f'The effects leave {share(rest.share)} of the excess misfit. Chance alone leaves so much in '
+        f'{chance(rest.probability)}.'
+    ]
+    if diagnosis.verdict not in ('partial', 'ambiguous'):
+        said.append('That is as little as the forward models themselves may be off.')
+    if rest.locations:
+        said.append(f'It lies in: {_contributions(rest.locations)}.')
+    return said
 
 
 def _certainty(diagnosis: Diagnosis) -> list[str]:

@@ -5,6 +5,7 @@ An effect declares its own recipes, see `drfmcw_sim.effects.recipe`; one without
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -60,7 +61,16 @@ class Candidate:
                 several.setdefault(base, {})[int(number.rstrip(']'))] = value
             else:
                 single[base] = (value,) if base in self.kind.list_parameters() else value
+        phase = self.recipe.carrier[0]
+        if phase:
+            single[phase] = self.reflected(values)
         return single | {b: tuple(found.get(g, 0.0) for g in range(max(found) + 1)) for b, found in several.items()}
+
+    def reflected(self, values: Mapping[str, float]) -> float:
+        """Return the phase of a reflector, from -pi to pi [rad]: what is fitted is its sum with the carrier's."""
+        phase, length = self.recipe.carrier
+        total = values[phase] - 2.0 * math.pi * values[length] / self.recipe.wavelength
+        return math.remainder(total, 2.0 * math.pi)
 
     def moved(self, **changes: float) -> 'Candidate':
         """Return the candidate with other values to begin with."""

@@ -11,9 +11,11 @@ from drfmcw_sim.effects import Effect
 
 from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
+from ..compare.groups import Entries
 from ..compare.kinds.explained import Explained
 from .bank import Candidate
 from .limits import FIT
+from .whitening import Whitening
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +26,7 @@ class FittedEffect:
     values: dict[str, float]
     stds: dict[str, float]
     told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    """Value and standard deviation of a parameter that the best fit alone would tell wrongly, see `Search.settled`."""
+    """Value and standard deviation of parameters that the best fit alone determines too well, see `rivals.widened`."""
 
     size_std: float = 0.0
     """Standard deviation of the size with all else as it is: a shape may be told badly, and the size with it."""
@@ -58,7 +60,7 @@ class Fitted:
     evidence: float  # log evidence over no effect at all
 
     def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
-        """Return the same with what `Search.settled` says of the first effects."""
+        """Return the same with other values and standard deviations of the first effects' parameters."""
         rest: list[dict[str, tuple[float, float]]] = [{}] * (len(self.effects) - len(told))
         pairs = zip(self.effects, [*told, *rest], strict=True)
         return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
@@ -101,16 +103,31 @@ class Freedom:
         return np.einsum('...p,pq,...q->...', along, self._inverse, along)
 
 
+def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
+    """Return the effects on which a distortion among `effects` acts, None where there are not both."""
+    if not any(e.distorts for e in effects):
+        return None
+    return tuple(e for e in effects if not (e.distorts or e.bursts)) or None
+
+
+def cells_of(entries: Entries) -> np.ndarray:
+    """Return the number of each number's cell (n,): one kind at one station in one group of sweeps."""
+    _, kinds = np.unique(np.char.add(entries.kind, entries.station.astype('U4')), return_inverse=True)
+    cells: np.ndarray = kinds * (entries.group.max() + 1) + entries.group
+    return cells
+
+
 class Fitting:
     """Fits the parameters of effects to one comparison."""
 
     def __init__(self, comparison: Comparison) -> None:
         """Start with forward models that are trusted without limit."""
         self.comparison = comparison
-        self._weight = np.ones(len(comparison.residual))
+        self.noisier = np.ones(len(comparison.residual))  # weights below 1 where something unknown is taken for noise
+        self.whitening = Whitening(self.noisier, comparison.common_errors)
 
-    def _template(self, effects: Sequence[Effect]) -> np.ndarray:
-        return self.comparison.template(effects)
+    def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
+        return self.comparison.template(effects, around)
 
     def fit(
         self,
@@ -127,13 +144,37 @@ class Fitting:
             beside: template of other effects that stay as they are; the result's template contains it.
             freedom: of these others, which may follow to first order; the result's misfit is then that without it.
         """
+        for _ in range(FIT.rounds):
+            around = _undistorted([c.build(values) for c, values in start])
+            fitted = self._fit(start, steps, beside, freedom, around)
+            if around is None:
+                return fitted
+            exact = beside + self._template([e.build() for e in fitted.effects])
+            off = float(np.sum(self.whitening(exact - fitted.template) ** 2))
+            start = [(e.candidate, e.values) for e in fitted.effects]
+            if off < max(FIT.settled, FIT.settled_share * fitted.misfit):
+                break
+        left = freedom.left if freedom is not None else _as_it_is
+        misfit = float(np.sum(left(self.whitening(self.comparison.residual - exact)) ** 2))
+        evidence = fitted.evidence + (fitted.misfit - misfit) / 2.0
+        return dataclasses.replace(fitted, template=exact, misfit=misfit, evidence=evidence)
+
+    def _fit(
+        self,
+        start: Sequence[tuple[Candidate, dict[str, float]]],
+        steps: int,
+        beside: np.ndarray | float,
+        freedom: 'Freedom | None',
+        around: tuple[Effect, ...] | None,
+    ) -> Fitted:
+        """Fit with a distortion that acts on the effects `around`, see `Comparison.template`."""
         left = freedom.left if freedom is not None else _as_it_is
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
         point = np.array([start[i][1][name] for i, name in names], float)
         limits = [self.bounds(chosen[i], name) for i, name in names]
         prior = np.array([chosen[i].prior(name) for i, name in names])
-        y = self.comparison.residual
+        y, groups = self.comparison.residual, self.comparison.entries.group
 
         def effects_at(p: np.ndarray) -> list[Effect]:
             values = [dict(v) for _, v in start]
@@ -141,30 +182,34 @@ class Fitting:
                 values[i][name] = float(min(max(value, low), high))
             return [c.build(v) for c, v in zip(chosen, values, strict=True)]
 
-        template = beside + self._template(effects_at(point))
-        weight = self._weight_of(chosen, template)
+        template = beside + self._template(effects_at(point), around)
+        whitening = self._whitening_of(chosen, template)
 
         def misfit_of(other: np.ndarray) -> float:
-            return float(np.sum(left((y - other) * weight) ** 2))
+            return float(np.sum(left(whitening(y - other)) ** 2))
 
         misfit = misfit_of(template)
         damping = 1e-3
         normal = np.eye(len(point))
         for _ in range(steps):
             slope = np.empty((len(point), len(y)))
-            for k, (i, name) in enumerate(names):
+            for together in self._moved_together(chosen, names):
                 moved = point.copy()
-                moved[k] += self._step(chosen[i], name, point[k])
-                change = beside + self._template(effects_at(moved)) - template
-                slope[k] = left(change / (moved[k] - point[k]) * weight)
+                for k in together:
+                    i, name = names[k]
+                    moved[k] += self._step(chosen[i], name, point[k])
+                change = beside + self._template(effects_at(moved), around) - template
+                for number, k in enumerate(together):
+                    own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
+                    slope[k] = left(whitening(own / (moved[k] - point[k])))
             normal = slope @ slope.T
-            gradient = slope @ ((y - template) * weight)
+            gradient = slope @ whitening(y - template)
             improved = False
             for _ in range(6):
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
                 trial = point + scaled_inverse(matrix) @ gradient
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
-                other = beside + self._template(effects_at(trial))
+                other = beside + self._template(effects_at(trial), around)
                 value = misfit_of(other)
                 if value < misfit:
                     improved = True
@@ -191,16 +236,22 @@ class Fitting:
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
         return Fitted(tuple(fitted), misfit, template, evidence)
 
-    def _weight_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> np.ndarray:
-        """Return the weights of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
+    def _moved_together(self, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]) -> list[list[int]]:
+        """Return which parameters one simulation moves: those of single groups all at once, the others one by one."""
+        alone = [[k] for k, (i, _) in enumerate(names) if not chosen[i].recipe.per_group]
+        grouped = [[k for k, (i, _) in enumerate(names) if i == j] for j, c in enumerate(chosen) if c.recipe.per_group]
+        return alone + grouped
+
+    def _whitening_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> Whitening:
+        """Return the whitening of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
         if not any(c.kind.bursts for c in chosen):
-            return self._weight
+            return self.whitening
         doubt = np.zeros(len(template))
         for kind in self.comparison.kinds:
             if kind.trust.beside_bursts is not None:
                 rows = self.comparison.rows(kind)
                 doubt[rows] = kind.trust.beside_bursts * np.abs(template[rows])
-        return self._weight / np.sqrt(1.0 + doubt**2)
+        return Whitening(self.whitening.weight / np.sqrt(1.0 + doubt**2), self.comparison.common_errors)
 
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""
@@ -212,17 +263,48 @@ class Fitting:
         base = name.partition('[')[0]
         _, declared = declared_parameters(candidate.kind)[base]
         low, high = declared.bounds or (-math.inf, math.inf)
+        if base in candidate.recipe.limits:
+            low, high = candidate.recipe.limits[base]
+        if base == candidate.recipe.carrier[0]:
+            return -math.inf, math.inf  # turns by itself
         if base in candidate.recipe.within_recording:
             high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
         return low, high
 
     def misfit(self, template: np.ndarray | float) -> float:
         """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
-        return float(np.sum(((self.comparison.residual - template) * self._weight) ** 2))
+        return float(np.sum(self.whitening(self.comparison.residual - template) ** 2))
 
     def trust(self, fitted: 'Fitted | None') -> None:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""
-        self._weight = 1.0 / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+        self.whitening = self.whitening_of(fitted)
+
+    def whitening_of(self, fitted: 'Fitted | None') -> Whitening:
+        """Return the whitening of what an explanation leaves, where the forward models are off by `doubt`."""
+        directions = [self.comparison.common_errors]
+        if fitted is not None and any(e.candidate.recipe.fringes for e in fitted.effects):
+            directions.append(self._moved_by_reference(fitted))
+        return Whitening(self.noisier / np.sqrt(1.0 + self.doubt(fitted) ** 2), np.concatenate(directions))
+
+    def count_as_noise(self, fitted: 'Fitted | None') -> None:
+        """Let the numbers of a cell that an explanation does not explain count by the scatter that they really have.
+
+        A cell holds the numbers of one kind at one station in one group of sweeps.
+        """
+        self.noisier = np.ones(len(self.comparison.residual))
+        entries = self.comparison.entries
+        template = fitted.template if fitted is not None else 0.0
+        rest = self.whitening_of(fitted)(self.comparison.residual - template)
+        cells = cells_of(entries)
+        used = np.bincount(cells, rest != 0.0)
+        scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)
+        self.noisier = 1.0 / np.sqrt(np.maximum(scatter, 1.0))[cells]
+
+    def _moved_by_reference(self, fitted: 'Fitted') -> np.ndarray:
+        """Return by how much the noise of the reference's mean in each group changes a template (G, n)."""
+        change = self.comparison.displaced([e.build() for e in fitted.effects]) - fitted.template
+        groups = self.comparison.entries.group
+        return np.where(groups == np.arange(len(self.comparison.members))[:, None], change, 0.0)
 
     def doubt(self, fitted: 'Fitted | None') -> np.ndarray:
         """Return how far each whitened number may be off because the forward models are not exact."""
@@ -231,9 +313,13 @@ class Fitting:
         if fitted is None:
             return doubt
         explained = self._explained(fitted)
+        nonlinear = np.zeros(len(doubt))
+        if explained.distorting or explained.bursting:
+            linear = [e.build() for e in fitted.effects if not (e.candidate.kind.distorts or e.candidate.kind.bursts)]
+            nonlinear = fitted.template - (self._template(linear) if linear else 0.0)
         for kind in c.kinds:
             rows = c.rows(kind)
-            doubt[rows] = kind.doubt(explained, fitted.template[rows])
+            doubt[rows] = kind.doubt(explained, fitted.template[rows], nonlinear[rows])
         return doubt
 
     def _explained(self, fitted: 'Fitted') -> Explained:
@@ -264,11 +350,13 @@ class Fitting:
     def slopes(self, fitted: Fitted) -> np.ndarray:
         """Return by how much each parameter of an explanation changes its template (parameters, n)."""
         effects = list(fitted.effects)
+        around = _undistorted([e.build() for e in effects])
+        template = fitted.template if around is None else self._template([e.build() for e in effects], around)
         found = []
         for number, effect in enumerate(effects):
             for name in effect.candidate.free:
                 step = self._step(effect.candidate, name, effect.values[name])
                 moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
                 others = [moved if i == number else e for i, e in enumerate(effects)]
-                found.append((self._template([e.build() for e in others]) - fitted.template) / step)
+                found.append((self._template([e.build() for e in others], around) - template) / step)
         return np.array(found)

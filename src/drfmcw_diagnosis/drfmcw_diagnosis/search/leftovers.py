@@ -25,9 +25,9 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
     """
     c = fitting.comparison
     template = fitted.template if fitted else np.zeros(len(c.residual))
-    weight = 1.0 / np.sqrt(1.0 + fitting.doubt(fitted) ** 2)
-    rest = (c.residual - template) * weight
-    slopes = fitting.slopes(fitted) * weight if fitted else np.zeros((0, len(rest)))
+    whitening = fitting.whitening_of(fitted)
+    weight, rest = whitening.weight, whitening(c.residual - template)
+    slopes = whitening(fitting.slopes(fitted)) if fitted else np.zeros((0, len(rest)))
     found = []
     usual = int(np.median([len(m) for m in c.members]))
     for kind, station in c.series():

@@ -13,6 +13,15 @@ class FitLimits:
     steps: int = 12
     """Steps of Levenberg and Marquardt's method, at most; chosen."""
 
+    rounds: int = 4
+    """Times, at most, that a distortion is computed anew on the other effects as they were fitted; chosen."""
+
+    settled: float = 0.5
+    """Squared change of a template [1] by a distortion computed anew, below which it need not be again; chosen."""
+
+    settled_share: float = 1e-3
+    """The same over the misfit [1], if that is more; chosen."""
+
     certain: float = 2.0
     """Standard deviations that an effect's size must have, and what makes it this effect; chosen."""
 

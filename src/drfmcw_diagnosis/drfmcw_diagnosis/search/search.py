@@ -134,47 +134,6 @@ class Search(Fitting):
             self._kept[key] = self._template([candidate.build(values)]).astype(np.float32)
         return self._kept[key]
 
-    def settled(self, fitted: Fitted) -> Fitted:
-        """Return an explanation whose lengths follow from the delay of the echo and not from its carrier phase alone.
-
-        The carrier phase gives a length to a fraction of a millimetre, but up to whole wavelengths, and the reflector
-        may shift it. By the delay alone, the misfit at whole turns around the best one is a parabola: its vertex gives
-        the length, its curvature the standard deviation.
-        """
-        told = [dict(effect.told) for effect in fitted.effects]
-        for number, effect in enumerate(fitted.effects):
-            name, period = effect.candidate.recipe.turn
-            if not name:
-                continue
-            fitted = self._nearest_turn(fitted, number, name, period)
-            fits = []
-            for shift in (-period, 0.0, period):
-                start = [(e.candidate, dict(e.values)) for e in fitted.effects]
-                start[number][1][name] += shift
-                fits.append(self.fit(start, 4))
-            left, middle, right = (f.misfit for f in fits)
-            curvature = left - 2.0 * middle + right
-            if curvature <= 0.0:
-                continue
-            vertex = 0.5 * (left - right) / curvature
-            value = fits[1].effects[number].values[name] + float(np.clip(vertex, -1.0, 1.0)) * period
-            std = math.hypot(period * math.sqrt(2.0 / curvature), period * _REFLECTION)
-            fitted, told[number] = fits[1], {name: (value, std)}
-        return fitted.with_told(told)
-
-    def _nearest_turn(self, fitted: Fitted, number: int, name: str, period: float) -> Fitted:
-        """Return the explanation shifted by the whole number of turns that fits best."""
-        while True:
-            others = []
-            for turns in (-3, -2, -1, 1, 2, 3):
-                start = [(e.candidate, dict(e.values)) for e in fitted.effects]
-                start[number][1][name] += turns * period
-                others.append(self.fit(start, 4))
-            best = min(others, key=lambda f: f.misfit)
-            if best.misfit >= fitted.misfit - 0.01:
-                return fitted
-            fitted = best
-
     def _promising(
         self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None, only: str = ''
     ) -> list[tuple[float, Candidate, dict]]:
@@ -191,7 +150,7 @@ class Search(Fitting):
         scanned = [c for c in self._scanned(residual, only) if self._is_other(c, c.values, beside)]
         kept = [i for i, c in enumerate(self.bank) if only in ('', c.effect) and self._is_other(c, c.values, beside)]
         chosen = [*(self.bank[i] for i in kept), *scanned]
-        weighted = (residual * self._weight**2).astype(np.float32)
+        weighted = self.whitening.transposed(self.whitening(residual)).astype(np.float32)
         templates = np.concatenate(
             [self.templates[kept], np.array([self._unit(c) for c in scanned]).reshape(len(scanned), len(weighted))]
         )
@@ -214,7 +173,7 @@ class Search(Fitting):
 
     def _power(self, templates: np.ndarray, freedom: Freedom | None) -> np.ndarray:
         """Return the squared lengths of templates (..., n) without what an explanation can follow of them."""
-        whitened = templates * self._weight.astype(np.float32)
+        whitened = self.whitening(templates)
         power = np.einsum('...j,...j->...', whitened, whitened)
         if freedom is None:
             return power
@@ -234,7 +193,7 @@ class Search(Fitting):
         if turn:
             second = self._unit(candidate, dict(values) | {turn: values.get(turn, 0.0) + quarter})
             second_power = max(float(self._power(second, freedom)), 1e-30)
-            second_scale = float((second * self._weight**2) @ residual) / second_power
+            second_scale = float(second @ self.whitening.transposed(self.whitening(residual))) / second_power
             gain += second_scale**2 * second_power
             angle = math.atan2(second_scale, scale)
             values[turn] = values.get(turn, 0.0) + quarter * angle / (math.pi / 2.0)
@@ -267,7 +226,7 @@ class Search(Fitting):
         """Return the freedom of an explanation, None without effects."""
         if fitted is None or not fitted.effects:
             return None
-        return Freedom(self.slopes(fitted) * self._weight)
+        return Freedom(self.whitening(self.slopes(fitted)))
 
     def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]]) -> list[Fitted]:
         """Return explanations, each fitted from its start."""
@@ -282,8 +241,9 @@ class Search(Fitting):
         """Return the gain that an effect may owe to errors of the other effects' forward models, in the worst case."""
         if others is None:
             return 0.0
-        template = np.abs(self._template([effect.build()])) * self._weight
-        doubt = _OFF * np.abs(others.template) * self._weight
+        weight = self.whitening.weight
+        template = np.abs(self._template([effect.build()])) * weight
+        doubt = _OFF * np.abs(others.template) * weight
         return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
@@ -300,7 +260,7 @@ class Search(Fitting):
             return True
         elsewhere = ~self.comparison.entries.where(kind='amplitude')
         before, after = (
-            np.sum(((self.comparison.residual - t) * self._weight)[elsewhere] ** 2) for t in (beside, fitted.template)
+            np.sum(self.whitening(self.comparison.residual - t)[elsewhere] ** 2) for t in (beside, fitted.template)
         )
         return bool(before - after > _BEYOND_LEVEL)
 
@@ -404,7 +364,7 @@ class Search(Fitting):
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""
-        return float(np.sum(((one.template - other.template) * self._weight) ** 2))
+        return float(np.sum(self.whitening(one.template - other.template) ** 2))
 
     def _substitutes(self, rest: Fitted, least: float) -> list[tuple[Candidate, dict]]:
         """Return starting points of a few kinds of effects that promise a gain of at least `least` beside the rest."""
@@ -417,7 +377,7 @@ class Search(Fitting):
             there = tried.setdefault(candidate.key, [])
             if len(there) >= (_FRINGES if _is_reflection(candidate) else _PLACES):
                 continue
-            template = self._unit(candidate, values) * self._weight
+            template = self.whitening(self._unit(candidate, values))
             template /= max(float(np.linalg.norm(template)), _NOTHING)
             if all(abs(float(template @ other)) < _ALIKE for other in there):
                 there.append(template)
@@ -427,4 +387,4 @@ class Search(Fitting):
 
 def _is_reflection(candidate: Candidate) -> bool:
     """Return whether a candidate is a path whose fringes follow the distance, other than that of an echo."""
-    return candidate.recipe.fringes and not candidate.recipe.turn[0]
+    return candidate.recipe.fringes and not candidate.recipe.repeats

@@ -6,10 +6,9 @@ from .fitting import Fitted
 from .leftovers import leftovers
 from .search import Search
 
-MOST_EFFECTS = 4
+MOST_EFFECTS = 6
 """Effects in one explanation."""
 
-_HOPELESS = 0.1  # of a misfit many times that of noise, which each effect must explain at least
 _FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
 _BETTER = 3.0  # log evidence by which an exchange must be better to be made
 _EXCHANGED = 3  # times at most
@@ -41,8 +40,6 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
-        if rounds[-1] and _hopeless(search, current.misfit, rounds[-1][0].misfit):
-            break
         if len(current.effects) == MOST_EFFECTS and leftovers(search, current)[0].probability < false_alarm_rate:
             break  # one exchange more or less makes no explanation of it
         search.report('rivals', 0.9)
@@ -53,7 +50,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             continue
         if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
             break
-        current = search.settled(exchanged[0])
+        current = exchanged[0]
         current, _, more = forward(search, current, false_alarm_rate)
         current = pruned(search, current, false_alarm_rate)
         rounds += more
@@ -71,12 +68,6 @@ def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm
             if less is not None and len(less.effects) < len(current.effects) and less.evidence > current.evidence:
                 return less
     return None
-
-
-def _hopeless(search: Search, before: float, after: float) -> bool:
-    """Return whether an effect explains so little of a large misfit that the few which may follow will not either."""
-    excess = before - len(search.comparison.residual)
-    return excess > len(search.comparison.residual) and before - after < _HOPELESS * excess
 
 
 def forward(
@@ -111,9 +102,7 @@ def forward(
         accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
         if chance > accepted or best.evidence <= needed + 1.0:
             break
-        if _hopeless(search, before, best.misfit):
-            break
-        current = search.relocated(search.settled(best))
+        current = search.relocated(best)
     return current, significance, rounds
 
 

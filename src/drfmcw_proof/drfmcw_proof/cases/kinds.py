@@ -30,7 +30,7 @@ class Size:
     """How an effect is made larger: value of `parameter` at size s > 0, rising in effect from `lower` to `upper`."""
 
     parameter: str
-    value: Callable[[float], float]
+    value: Callable[[float], float | list[float]]
     start: float
     lower: float
     upper: float

@@ -8,7 +8,7 @@ from drfmcw_physics.settings import parameter
 from ..measurements import Measurements, Path
 from .base import Effect
 from .motion import slowness
-from .recipe import WAVE, Recipe
+from .recipe import Recipe
 from .traits import ActsOn, Of, Stage
 
 
@@ -27,12 +27,14 @@ class Echo(Effect, name='echo', of=Of.PATH):
     recipes = (
         Recipe(
             'relative_power',
-            start={'relative_power': -50.0},
-            prior={'relative_power': 20.0, 'excess_range': 100.0},
+            start={'relative_power': -50.0, 'phase': 0.0},
+            prior={'relative_power': 20.0, 'excess_range': 100.0, 'phase': 3.0},
             decibel=True,
-            quadrature=('excess_range', WAVE / 4.0),
-            turn=('excess_range', WAVE),
-            steps={'excess_range': 5e-4, 'relative_power': 0.05},
+            quadrature=('phase', math.pi / 2.0),
+            carrier=('phase', 'excess_range'),
+            # shorter ones shape the sweep as a slope does; stronger ones are the direct path
+            limits={'excess_range': (0.5, 1e5), 'relative_power': (-200.0, -6.0)},
+            steps={'excess_range': 5e-3, 'relative_power': 0.05, 'phase': 0.02},
             scan='excess delay',
             scanned='excess_range',
             cells=350,

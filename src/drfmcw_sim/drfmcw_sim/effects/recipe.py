@@ -8,8 +8,6 @@ import numpy as np
 WAVE = 0.0517
 """Wavelength of the carrier for which recipes are written [m], that of Table 1; see `Recipe.at`."""
 
-_SAME_WAVE = 0.01  # relative difference up to which a wavelength counts as WAVE
-
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
@@ -28,7 +26,11 @@ class Recipe:
     defining: tuple[str, ...] = ()  # where one of these is zero, it is another effect
     decibel: bool = False  # the size is in decibels
     quadrature: tuple[str, float] = ('', 0.0)  # parameter, and the step of it that turns the phase by a quarter
-    turn: tuple[str, float] = ('', 0.0)  # parameter, and its period by the carrier's phase, which reflection may shift
+    # phase, and length on whose carrier phase it comes: their sum in mid-sweep is fitted in place of the phase, since
+    # the data determine it far better than either
+    carrier: tuple[str, str] = ('', '')
+    wavelength: float = WAVE  # of the carrier in mid-sweep [m]
+    limits: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)  # where narrower than declared
     per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
     within_recording: tuple[str, ...] = ()  # times [s] that count only up to the recording's length
     each_sweep: str = ''  # probability of the effect in a sweep, of which a recording holds one outcome
@@ -55,11 +57,9 @@ class Recipe:
 
     def at(self, wavelength: float) -> 'Recipe':
         """Return the recipe for another wavelength of the carrier [m]."""
-        ratio = wavelength / WAVE
-        if not self.turn[0] or abs(ratio - 1.0) < _SAME_WAVE:
+        if not self.carrier[0]:
             return self
-        quadrature, turn = ((name, value * ratio) for name, value in (self.quadrature, self.turn))
-        return dataclasses.replace(self, quadrature=quadrature, turn=turn)
+        return dataclasses.replace(self, wavelength=wavelength)
 
     def step(self, name: str, value: float) -> float:
         """Return the step of a numerical derivative at `value`."""

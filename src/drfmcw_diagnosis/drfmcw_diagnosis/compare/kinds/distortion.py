@@ -66,6 +66,7 @@ def _smooth(evidence: Evidence) -> np.ndarray:
 
 HARMONIC = Harmonic(
     name='harmonic',
+    of_converter=True,
     level='if_spectrum',
     axis='range',
     label='harmonics of the line',
@@ -75,6 +76,7 @@ HARMONIC = Harmonic(
 )
 PILED = Piled(
     name='piled',
+    of_converter=True,
     level='if_samples',
     axis='range',
     label='samples at the outermost codes',

@@ -79,6 +79,7 @@ class Kind(abc.ABC):
     unit: str = '1'  # of the numbers
     of: Of = Of.STATION
     per_sweep: bool = False  # one number per sweep instead of some per group
+    of_converter: bool = False  # an uneven ADC shows in it as well
     has_gaps: bool = False  # numbers that are NaN are not compared
     trust: Trust = Trust()
     averages: bool = False  # more sweeps improve it: the noise of sweeps exceeds the limits of the model
@@ -102,6 +103,15 @@ class Kind(abc.ABC):
         """Return standard deviations (G, ...) that include what the model without effects is trusted to."""
         return std
 
+    def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
+        """Return what the model without effects may be off by in many numbers at once, one standard deviation each.
+
+        Args:
+            std: standard deviations of the numbers (G, ...).
+            expected: the model without effects, setting by setting.
+        """
+        return []
+
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
         """Return numbers beyond those of the plain model as standard normals: 0 where they are not compared."""
         over: np.ndarray = (values - plain) / std
@@ -114,19 +124,22 @@ class Kind(abc.ABC):
 
     # --- doubt and leftovers ---
 
-    def doubt(self, explained: Explained, template: np.ndarray) -> np.ndarray:
+    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
         """Return how far each whitened number may be off because the forward models are not exact (n,).
 
         Args:
             explained: what is known of the explanation.
             template: what it adds to the numbers of this kind, whitened (n,).
+            nonlinear: what of that its distortion and its bursts add (n,).
         """
         trust = explained.trust if self.trust.usual is None else self.trust.usual
-        if explained.distorting and self.trust.beside_distortion is not None:
-            trust = self.trust.beside_distortion
-        if explained.bursting and self.trust.beside_bursts is not None:
-            trust = self.trust.beside_bursts
         doubt: np.ndarray = trust * self.uncertain(explained, np.abs(template))
+        for acts, own in (
+            (explained.distorting, self.trust.beside_distortion),
+            (explained.bursting, self.trust.beside_bursts),
+        ):
+            if acts and own is not None:
+                doubt = np.maximum(doubt, own * self.uncertain(explained, np.abs(nonlinear)))
         return np.maximum(doubt, self.trust.rest_beside_bursts) if explained.bursting else doubt
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:

@@ -76,7 +76,7 @@ class Noise(_InBands):
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return floor and skirts, raised by further lines; a distortion acts on noise and line together."""
         if expected.distorting:
-            changed: np.ndarray = expected.plain.raised[0] + expected.distortion.noise
+            changed: np.ndarray = expected.undistorted.raised[0] + expected.distortion.noise
             return changed
         return expected.raised[0]
 
@@ -86,6 +86,20 @@ class Noise(_InBands):
         for one in expected:
             limit[one.part.groups] = one.model.noise.limit(one.part, one.raised[0])
         return np.hypot(std, limit)
+
+    def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
+        """Return errors of each station's floor, and of level and tilt of its skirts, alike in all groups."""
+        share = np.empty(std.shape)
+        for one in expected:
+            share[one.part.groups] = one.model.noise.skirt_share(one.part, one.raised[0])
+        tilt = np.linspace(-1.0, 1.0, std.shape[-1])
+        found = []
+        for station in range(std.shape[1]):
+            chosen = np.zeros(std.shape)
+            chosen[:, station] = 1.0
+            floor, skirt = MODEL.common_floor * (1.0 - share), MODEL.common_skirt * share
+            found += [chosen * floor, chosen * skirt, chosen * skirt * tilt]
+        return found
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -129,6 +143,7 @@ BURST = Burst(
 )
 NOISE = Noise(
     name='noise',
+    of_converter=True,
     level='noise',
     axis='if_frequency',
     label='noise',

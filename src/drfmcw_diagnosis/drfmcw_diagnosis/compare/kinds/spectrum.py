@@ -91,6 +91,7 @@ def _frequencies(recorded: RecordedSweeps, bins: int) -> np.ndarray:
 
 LINES = Lines(
     name='lines',
+    of_converter=True,
     level='if_spectrum',
     axis='if_frequency',
     label='narrow lines in the IF spectrum',
@@ -100,6 +101,7 @@ LINES = Lines(
 )
 MEAN = Mean(
     name='mean',
+    of_converter=True,
     level='if_spectrum',
     axis='if_frequency',
     label='mean of the samples',

@@ -1,0 +1,120 @@
+"""The verdict: whether the effects found explain a recording, and which of them stand if something is left over."""
+
+import dataclasses
+
+import numpy as np
+
+from .fitting import Fitted
+from .leftovers import Leftover, leftovers
+from .rivals import rivals, widened
+from .search import Search
+from .selection import Found, forward, pruned
+from .standing import standings
+
+
+@dataclasses.dataclass(frozen=True)
+class VerdictLimits:
+    """When a remainder counts against an explanation."""
+
+    adequate: float = 1e-3
+    """Remainder of one kind of number at one station over what is explained of it [1], below which an explanation
+    holds whatever its significance: forward models are not exact; chosen, as the interface states it."""
+
+    rounds: int = 3
+    """Times that the search goes on from the effects that stand; chosen."""
+
+
+LIMITS = VerdictLimits()
+
+
+@dataclasses.dataclass(frozen=True)
+class Judgement:
+    """What is said of a recording."""
+
+    verdict: str  # of the interface
+    explanation: Fitted | None
+    alternatives: list[Fitted]
+    exchanged: list[Fitted]  # explanations with one effect exchanged
+    significance: float  # chance of a mismatch this large
+    remainder: list[Leftover]  # what is left beyond chance, least probable first
+
+
+def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
+    """Return the verdict on a recording.
+
+    Effects that leave nothing beyond chance explain it. A remainder far smaller than what they explain is reported and
+    changes nothing. Beside a larger one only those effects are named that stand by themselves, see `standing`.
+
+    Args:
+        search: of the recording.
+        found: what it came to.
+        false_alarm_rate: accepted chance of finding a mismatch where there is none.
+    """
+    current = found.explanation
+    left = _significant(search, current, false_alarm_rate)
+    significance = min([found.significance, *(x.probability for x in left)])
+    if current is None:
+        return Judgement('unexplained' if left else 'consistent', None, [], [], significance, left)
+    if not all(_is_adequate(search, current, x) for x in left):
+        current = established(search, current, false_alarm_rate)
+        if current is None:
+            left = _significant(search, None, false_alarm_rate)
+            return Judgement('unexplained', None, [], [], significance, left)
+        exchanged = search.exchanges(current)
+        current = widened(current, exchanged)
+        alternatives = [f for f in rivals(search, current, exchanged) if all(s.stands for s in standings(search, f))]
+        left = _significant(search, current, false_alarm_rate)
+        verdict = 'ambiguous' if alternatives else 'partial'
+        return Judgement(verdict, current, alternatives, exchanged, significance, left)
+    current = widened(current, found.exchanged)
+    alternatives = rivals(search, current, found.exchanged)
+    verdict = 'ambiguous' if alternatives else 'explained'
+    return Judgement(verdict, current, alternatives, found.exchanged, significance, left)
+
+
+def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitted | None:
+    """Return the effects that are there beyond doubt beside something unknown, None where there is none.
+
+    Effects that do not stand by themselves are dropped, the least convincing first. Then numbers that the rest does not
+    explain count by the scatter that they really have, and the search goes on from what stands.
+    """
+    current: Fitted | None = found
+    for _ in range(LIMITS.rounds):
+        current = _standing(search, current)
+        before = current.keys if current is not None else ()
+        search.count_as_noise(current)
+        more, _, _ = forward(search, current, false_alarm_rate)
+        more = pruned(search, more, false_alarm_rate)
+        if more is None or more.keys == before:
+            break
+        current = more
+    return _standing(search, current)
+
+
+def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
+    """Return an explanation without the effects that do not stand by themselves."""
+    while fitted is not None:
+        search.trust(fitted)
+        fitted = search.again(fitted)
+        found = standings(search, fitted)
+        doubtful = [i for i, standing in enumerate(found) if not standing.stands]
+        if not doubtful:
+            return fitted
+        worst = min(doubtful, key=lambda i: found[i].predicted)
+        kept = tuple(e for i, e in enumerate(fitted.effects) if i != worst)
+        fitted = search.again(dataclasses.replace(fitted, effects=kept)) if kept else None
+    return None
+
+
+def _significant(search: Search, fitted: Fitted | None, false_alarm_rate: float) -> list[Leftover]:
+    return [x for x in leftovers(search, fitted) if x.probability < false_alarm_rate]
+
+
+def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:
+    """Return whether a remainder is small beside what an explanation explains of the same numbers."""
+    c = search.comparison
+    rows = c.entries.where(kind=left.kind, station=left.station)
+    if not rows.any():  # ADC codes, on which no effect acts
+        return False
+    before, after = (float(np.sum((c.residual - t)[rows] ** 2)) - rows.sum() for t in (0.0, fitted.template))
+    return after < LIMITS.adequate * before

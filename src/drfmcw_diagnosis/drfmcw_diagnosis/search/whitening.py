@@ -1,0 +1,45 @@
+"""Residuals made white: what the forward models may be off by counts as noise, single numbers and common errors alike.
+
+A model's error is rarely independent from number to number: a floor that is 0.04 dB too low is so in every band. Such
+an error is a direction in the space of all numbers with a prior standard deviation. It is marginalised: with N the
+directions times their priors (k, n), the covariance of the whitened residuals is 1 + N^T N, and
+(1 + N^T N)^(-1/2) = 1 - U (1 - (1 + L)^(-1/2)) U^T with the eigenvectors U and eigenvalues L of N^T N.
+"""
+
+import numpy as np
+
+_SMALLEST = 1e-9  # eigenvalue, in squared standard deviations, of a direction that changes nothing
+
+
+class Whitening:
+    """Turns residuals over their measured standard deviations into independent numbers of variance one."""
+
+    def __init__(self, weight: np.ndarray, directions: np.ndarray | None = None) -> None:
+        """Combine both kinds of model error.
+
+        Args:
+            weight: one over the standard deviation of each number, model errors of its own included (n,).
+            directions: common errors, each times its prior standard deviation (k, n); None where there are none.
+        """
+        self.weight = weight
+        self._vectors = np.zeros((0, len(weight)))
+        self._shrunk = np.zeros(0)
+        if directions is not None and len(directions):
+            common = directions * weight
+            values, vectors = np.linalg.eigh(common @ common.T)
+            used = values > _SMALLEST
+            self._vectors = (vectors[:, used] / np.sqrt(values[used])).T @ common
+            self._shrunk = 1.0 - 1.0 / np.sqrt(1.0 + values[used])
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Return whitened values (..., n)."""
+        return self._mixed(values * self.weight)
+
+    def transposed(self, values: np.ndarray) -> np.ndarray:
+        """Return the transposed operation on values (..., n): `whitening(a) @ b == a @ whitening.transposed(b)`."""
+        return self._mixed(values) * self.weight
+
+    def _mixed(self, values: np.ndarray) -> np.ndarray:
+        if not len(self._shrunk):
+            return values
+        return values - ((values @ self._vectors.T) * self._shrunk) @ self._vectors

@@ -1,0 +1,104 @@
+"""Effects beside something unknown: what makes them stand, and how common errors of the models count."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from checkout import DATA
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.engine import diagnose_dataset
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.recording.thinning import MOST_GROUPS, MOST_SWEEPS, representative
+from drfmcw_diagnosis.search.bank import Candidate
+from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.standing import standings
+from drfmcw_diagnosis.search.whitening import Whitening
+from drfmcw_sim.effects import Effect
+
+
+@pytest.fixture(scope='module')
+def data():
+    return read_dataset(DATA / 'recording_0')
+
+
+@given(st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_common_errors_count_as_their_covariance_says(errors, seed):
+    """The squared length of whitened values is that of the covariance 1 + N^T N, to rounding."""
+    generator = np.random.default_rng(seed)
+    directions, values = generator.normal(size=(errors, 12)), generator.normal(size=12)
+    weight = generator.uniform(0.5, 2.0, 12)
+    whitening = Whitening(weight, directions)
+    common = directions * weight
+    covariance = np.eye(12) + common.T @ common
+    scaled = values * weight
+    assert np.sum(whitening(values) ** 2) == pytest.approx(scaled @ np.linalg.solve(covariance, scaled), rel=1e-9)
+    other = generator.normal(size=12)
+    assert whitening(values) @ other == pytest.approx(values @ whitening.transposed(other), rel=1e-9, abs=1e-12)
+
+
+@given(st.lists(st.integers(1, 200), min_size=1, max_size=120))
+def test_a_long_recording_is_thinned_evenly(sizes):
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    rows = representative(group)
+    counts = np.bincount(group[rows], minlength=len(sizes))
+    assert np.all(np.diff(rows) > 0)
+    assert np.count_nonzero(counts) == min(len(sizes), MOST_GROUPS)
+    assert np.all((counts == np.minimum(sizes, MOST_SWEEPS)) | (counts == 0))
+    assert {0, len(sizes) - 1} <= set(group[rows])
+
+
+def concealed(comparison, *effects):
+    """Return a fit of the effects to what they themselves add to the model: a residual free of noise."""
+    comparison.residual = comparison.template(effects)
+    return Fitting(comparison)
+
+
+def fitted(fitting, effect, station, **start):
+    recipe = Effect.registry[effect].recipes[0]
+    return fitting.fit([(Candidate(effect, station, recipe, start), start)])
+
+
+def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
+    """A clock that is off stands; a delay that imitates the range at one distance alone does not. Nothing is by chance."""
+    comparison = Comparison(data)
+    fitting = concealed(comparison, Effect.registry['sweep_curvature'](deviation=3000.0, station='master'))
+    (standing,) = standings(fitting, fitted(fitting, 'sweep_curvature', 'master', deviation=100.0))
+    assert standing.stands and standing.over_groups < 1e-3 and standing.predicted > 0.99
+    of_range = comparison.entries.where(kind='range')
+    bent = np.where(of_range & (comparison.entries.group == 3), 40.0, 0.0)
+    comparison.residual = bent
+    fitting = Fitting(comparison)
+    (standing,) = standings(fitting, fitted(fitting, 'delay_offset', '', delay=0.01))
+    assert not standing.stands
+
+
+def test_a_reflectors_phase_turns_the_echo(data):
+    """Fitted to an echo of any phase, length and phase come out, though many lengths share a carrier phase."""
+    comparison = Comparison(data)
+    fitting = concealed(comparison, Effect.registry['echo'](excess_range=21.3, relative_power=-25.0, phase=2.0))
+    recipe = Effect.registry['echo'].recipes[0]
+    total = 2.0 + 2.0 * np.pi * 21.3 / recipe.wavelength
+    start = {'relative_power': -28.0, 'excess_range': 21.0, 'phase': total + 0.5}
+    candidate = Candidate('echo', '', recipe, start)
+    (effect,) = fitting.fit([(candidate, start)]).effects
+    assert effect.values['excess_range'] == pytest.approx(21.3, abs=0.01)
+    assert effect.values['relative_power'] == pytest.approx(-25.0, abs=0.05)
+    assert np.cos(effect.candidate.reflected(effect.values) - 2.0) > 0.9
+
+
+def test_a_stuck_bit_is_no_noise_and_no_leakage(data):
+    """A converter's bit is stuck: neither noise nor leakage is named for it. The recording is fixed."""
+    samples = tuple(x.copy() if x is not None else None for x in data.samples)
+    samples[0][:] |= 8
+    stuck = dataclasses.replace(data, samples=samples)
+    comparison = Comparison(stuck)
+    assert comparison.codes[0] is not None and comparison.codes[0].probability < 1e-4
+    found = diagnose_dataset(stuck)
+    assert found.verdict in ('unexplained', 'partial')
+    assert found.explanation is None or not {e.effect for e in found.explanation.effects} & {
+        'noise_floor',
+        'tx_leakage',
+    }
