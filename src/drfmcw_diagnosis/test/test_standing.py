@@ -62,7 +62,7 @@ def fitted(fitting, effect, station, **start):
 
 
 def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
-    """A clock that is off stands; a delay that imitates the range at one distance alone does not. Nothing is by chance."""
+    """A clock that is off stands; a delay that imitates the range at one distance does not. Nothing is by chance."""
     comparison = Comparison(data)
     fitting = concealed(comparison, Effect.registry['sweep_curvature'](deviation=3000.0, station='master'))
     (standing,) = standings(fitting, fitted(fitting, 'sweep_curvature', 'master', deviation=100.0))
