@@ -29,6 +29,7 @@ _PHASE_ACCELERATION = 2.0  # times the largest one, for what the velocity lags b
 _LONGEST_PHASE_STEP = 0.2  # [s]
 _PHASE_SHARE = 0.15  # of a range's standard deviation, that a phase may be off its prediction; its own is 0.01
 _MEAN_LENGTH = 16  # ranges after a break of the phases whose mean shows whether it moved them
+_MOST_SUSPECT = 8  # sweeps; among many wrong ones some continue the track by chance, but not so many in a row
 _LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 
@@ -77,6 +78,7 @@ class State:
     main: Track
     other: Track | None = None  # ranges that do not continue the main track, but each other
     seen: int = 0  # stamp of the newest sweep [ns]
+    suspect: int = 0  # sweeps that did not continue the main track, less those since that did
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,17 +119,18 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
     verdict = _scatter_verdict(scale, measured.std)
     if together and continued is not None:
-        fits = _joined(state.main, continued, limits)
+        fits, suspect = _joined(state.main, continued, limits), 0
     else:
-        fits = _phases_continue(state.main, track, measured, limits)
+        fits, suspect = _phases_continue(state.main, track, measured, limits), max(state.suspect - 1, 0)
     if fits and abs(innovation) <= gate:
         # however it is distributed, an error as large as the innovation stays within its standard deviation
         least = (abs(innovation) - slack) / _LARGEST_SHARE
         if least > math.hypot(measured.std, measured.doubt, verdict.std):
             verdict = dataclasses.replace(verdict, std=math.hypot(verdict.std, least))
-        if state.other is not None and slack > _LARGEST_SHARE * std:  # it may as well belong to neither
+        # it may as well belong to neither, or fit by chance
+        if suspect > 0 or (state.other is not None and slack > _LARGEST_SHARE * std):
             verdict &= refuse(Test.CONTINUITY)
-        return State(track, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+        return State(track, None, measured.stamp, suspect), Outcome(motion, verdict, gate, scale)
     other = continued or _branch(state.main, measured)
     verdict &= refuse(Test.CONTINUITY)
     if _takes_over(state.main, other, innovation, settings):
@@ -136,7 +139,8 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     main = state.main
     if other.count == 1:  # it continues nothing: scatter, not another path
         main = dataclasses.replace(main, scatter=track.scatter)
-    return State(main, other, measured.stamp), Outcome(motion, verdict, gate, scale)
+    suspect = min(state.suspect + 1, _MOST_SUSPECT)
+    return State(main, other, measured.stamp, suspect), Outcome(motion, verdict, gate, scale)
 
 
 def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:
