@@ -125,6 +125,14 @@ def test_steady_shorter_range_replaces_a_longer_one():
     assert decisions[-20:] == [Decision.VALID] * 20
 
 
+def test_shift_below_the_resolution_stays_in_doubt():
+    """A station's samples come early from a sweep on: 17 mm shorter, which no other path is; for 6 s."""
+    early = next(f for f in faults() if (f.name, f.size) == ('samples shifted', '-8'))
+    found = measure(Case(early, 300.0, 'ml', 0.0, 300, 3))
+    assert found.valid > 150
+    assert (found.wrong, found.beyond) == (0, 0)
+
+
 def test_pause_makes_any_distance_possible():
     monitor = PairMonitor(Limits(10.0, 0.3), IntegritySettings())
     for i in range(50):

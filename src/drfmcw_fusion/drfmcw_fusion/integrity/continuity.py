@@ -53,6 +53,7 @@ class Measured:
     doppler: float  # by which the velocity lengthens the range [m per m/s]
     setting: tuple[int, float]  # mode and start delay
     doubt: float = 0.0  # what failed tests add to `std`, as a square [m]
+    resolution: float = 0.0  # by which two paths must differ for two lines [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +80,7 @@ class State:
     other: Track | None = None  # ranges that do not continue the main track, but each other
     seen: int = 0  # stamp of the newest sweep [ns]
     suspect: int = 0  # sweeps that did not continue the main track, less those since that did
+    doubt: float = 0.0  # by which the main track may be wrong, since it took over from another [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,6 +120,8 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     if not settings.monitor:
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
     verdict = _scatter_verdict(scale, measured.std)
+    if state.doubt > 0.0:
+        verdict &= Verdict(Decision.DOUBTFUL, Test.CONTINUITY, state.doubt)
     if together and continued is not None:
         fits, suspect = _joined(state.main, continued, limits), 0
     else:
@@ -130,17 +134,20 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         # it may as well belong to neither, or fit by chance
         if suspect > 0 or (state.other is not None and slack > _LARGEST_SHARE * std):
             verdict &= refuse(Test.CONTINUITY)
-        return State(track, None, measured.stamp, suspect), Outcome(motion, verdict, gate, scale)
+        return State(track, None, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
     other = continued or _branch(state.main, measured)
     verdict &= refuse(Test.CONTINUITY)
     if _takes_over(state.main, other, innovation, settings):
         motion = other.tracker.coast(measured.stamp)
-        return State(other, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+        # nearer than another line could be, it is no other path: one of both tracks is wrong, and which is not known
+        unclear = abs(innovation) < measured.resolution and state.main.count >= _SUPPORT
+        doubt = math.hypot(state.doubt, innovation) if unclear else state.doubt
+        return State(other, None, measured.stamp, doubt=doubt), Outcome(motion, verdict, gate, scale)
     main = state.main
     if other.count == 1:  # it continues nothing: scatter, not another path
         main = dataclasses.replace(main, scatter=track.scatter)
     suspect = min(state.suspect + 1, _MOST_SUSPECT)
-    return State(main, other, measured.stamp, suspect), Outcome(motion, verdict, gate, scale)
+    return State(main, other, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
 
 
 def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:

@@ -83,5 +83,4 @@ A quick run bounds a rate by about 3 over its number of sweeps; it does not show
 | both references off by the same amount | 1 mm per km and ppm of one of them | a second reference |
 | slow clock drift within `clock_tolerance` | doubted, with a larger standard deviation | calibration |
 | a line of the peer's own power and T_off | `start_delay_tolerance`: 3 m | more stations |
-| samples shifted so that the range gets shorter, for over 2 s | 2 mm per sample at 15 ppm | a counter in the digitiser |
 """
