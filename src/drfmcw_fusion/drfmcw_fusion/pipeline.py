@@ -244,6 +244,7 @@ class RangeFusion:
                 rate,
                 (first.sweep.mode, first.sweep.start_delay),
                 verdict.std,
+                SPEED_OF_LIGHT / (2.0 * abs(first.sweep.bandwidth)),
             ),
         )
         motion, verdict = judged.motion, verdict & judged.verdict

@@ -15,7 +15,7 @@ from .settings import IntegritySettings
 GATE = 4.5
 """Standard deviations of an innovation beyond which a range does not continue its track: 7e-6 of false alarms."""
 
-_SMALLEST_GAIN = 1.0 / 16.0  # of a new range on the track: follows slow errors of the model
+_SMALLEST_GAIN = 1.0 / 8.0  # of a new range on the track: follows slow errors of the model, as while braking
 _SCATTER_LENGTH = 24  # innovations whose median shows the scatter
 _SCATTER_MINIMUM = 12  # and how many it takes
 _SCATTER_DOUBT = 3.0  # times the stated standard deviation
@@ -29,6 +29,7 @@ _PHASE_ACCELERATION = 2.0  # times the largest one, for what the velocity lags b
 _LONGEST_PHASE_STEP = 0.2  # [s]
 _PHASE_SHARE = 0.15  # of a range's standard deviation, that a phase may be off its prediction; its own is 0.01
 _MEAN_LENGTH = 16  # ranges after a break of the phases whose mean shows whether it moved them
+_MOST_SUSPECT = 8  # sweeps; among many wrong ones some continue the track by chance, but not so many in a row
 _LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 
@@ -52,6 +53,7 @@ class Measured:
     doppler: float  # by which the velocity lengthens the range [m per m/s]
     setting: tuple[int, float]  # mode and start delay
     doubt: float = 0.0  # what failed tests add to `std`, as a square [m]
+    resolution: float = 0.0  # by which two paths must differ for two lines [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,6 +79,8 @@ class State:
     main: Track
     other: Track | None = None  # ranges that do not continue the main track, but each other
     seen: int = 0  # stamp of the newest sweep [ns]
+    suspect: int = 0  # sweeps that did not continue the main track, less those since that did
+    doubt: float = 0.0  # by which the main track may be wrong, since it took over from another [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,27 +120,34 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     if not settings.monitor:
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
     verdict = _scatter_verdict(scale, measured.std)
+    if state.doubt > 0.0:
+        verdict &= Verdict(Decision.DOUBTFUL, Test.CONTINUITY, state.doubt)
     if together and continued is not None:
-        fits = _joined(state.main, continued, limits)
+        fits, suspect = _joined(state.main, continued, limits), 0
     else:
-        fits = _phases_continue(state.main, track, measured, limits)
+        fits, suspect = _phases_continue(state.main, track, measured, limits), max(state.suspect - 1, 0)
     if fits and abs(innovation) <= gate:
         # however it is distributed, an error as large as the innovation stays within its standard deviation
         least = (abs(innovation) - slack) / _LARGEST_SHARE
         if least > math.hypot(measured.std, measured.doubt, verdict.std):
             verdict = dataclasses.replace(verdict, std=math.hypot(verdict.std, least))
-        if state.other is not None and slack > _LARGEST_SHARE * std:  # it may as well belong to neither
+        # it may as well belong to neither, or fit by chance
+        if suspect > 0 or (state.other is not None and slack > _LARGEST_SHARE * std):
             verdict &= refuse(Test.CONTINUITY)
-        return State(track, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+        return State(track, None, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
     other = continued or _branch(state.main, measured)
     verdict &= refuse(Test.CONTINUITY)
     if _takes_over(state.main, other, innovation, settings):
         motion = other.tracker.coast(measured.stamp)
-        return State(other, None, measured.stamp), Outcome(motion, verdict, gate, scale)
+        # nearer than another line could be, it is no other path: one of both tracks is wrong, and which is not known
+        unclear = abs(innovation) < measured.resolution and state.main.count >= _SUPPORT
+        doubt = math.hypot(state.doubt, innovation) if unclear else state.doubt
+        return State(other, None, measured.stamp, doubt=doubt), Outcome(motion, verdict, gate, scale)
     main = state.main
     if other.count == 1:  # it continues nothing: scatter, not another path
         main = dataclasses.replace(main, scatter=track.scatter)
-    return State(main, other, measured.stamp), Outcome(motion, verdict, gate, scale)
+    suspect = min(state.suspect + 1, _MOST_SUSPECT)
+    return State(main, other, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
 
 
 def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:

@@ -62,7 +62,8 @@ def _run(arguments: object, console: Console) -> int:
             console.print(f'{row.fault}, {row.size}: {row.wrong} of {row.sweeps} wrong', highlight=False)
     print(table(rows))
     if options['report']:
-        write_atomically(options['report'], document(rows, f'./drfmcw campaign{" --quick" * options["quick"]}'))
+        command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {options["seed"]}'
+        write_atomically(options['report'], document(rows, command))
     return 1 if any(row.wrong for row in rows) else 0
 
 

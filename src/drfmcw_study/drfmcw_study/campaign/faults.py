@@ -67,7 +67,7 @@ def _dropped(count: int) -> Callable[[Samples, np.random.Generator], Samples]:
 
 
 def _shifted(count: int) -> Callable[[Samples, np.random.Generator], Samples]:
-    """Take every sample of station 1 `count` samples late."""
+    """Take every sample of station 1 `count` samples late, early where that is negative."""
     return lambda samples, _: (np.roll(samples[0], -count, axis=1), samples[1])
 
 
@@ -126,6 +126,7 @@ def faults() -> list[Fault]:
         Fault('samples dropped', '1', samples=_dropped(1)),
         Fault('samples dropped', '64', samples=_dropped(64)),
         Fault('samples shifted', '8', samples=_shifted(8)),
+        Fault('samples shifted', '-8', samples=_shifted(-8)),
         Fault('samples spliced', 'two sweeps', samples=_spliced),
         Fault('direct path blocked', 'echo 10 m longer', farther=10.0),
         Fault('wrong mode', 'LD said, SD done', said_mode=1),
