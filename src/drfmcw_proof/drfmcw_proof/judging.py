@@ -116,13 +116,27 @@ def _outcome(
         return _of_null(truth, finding, named)
     if verdict == 'consistent':
         return 'missed', 'called consistent'
-    if any(not e['registered'] or e['effect'] in truth['without'] for e in truth['effects']):
+    known = [e for e in truth['effects'] if e['registered'] and e['effect'] not in truth['without']]
+    if verdict == 'partial':
+        return _of_partial(keys(known), named[0], whole=len(known) == len(truth['effects']))
+    if len(known) < len(truth['effects']):
         return _of_unregistered(truth, verdict, named, alike)
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     if verdict == 'explained':
         return _of_explained(truth, wanted, named[0], alike)
     return _of_ambiguous(truth, wanted, named, alike)
+
+
+def _of_partial(known: Explained, named: Explained, whole: bool) -> tuple[str, str]:
+    """Return the outcome of effects named beside a remainder; `whole` if the registry has all that is concealed."""
+    if not named <= known:
+        return 'wrong', f'{_difference(named, known)}, beside a remainder'
+    if named < known:
+        return 'unnamed', 'named in part, beside a remainder'
+    if whole:
+        return 'unnamed', 'named, yet with a remainder that the registry explains'
+    return 'right', 'named beside what the registry lacks'
 
 
 def _of_unregistered(
