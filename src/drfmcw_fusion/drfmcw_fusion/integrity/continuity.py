@@ -15,7 +15,7 @@ from .settings import IntegritySettings
 GATE = 4.5
 """Standard deviations of an innovation beyond which a range does not continue its track: 7e-6 of false alarms."""
 
-_SMALLEST_GAIN = 1.0 / 8.0  # of a new range on the track: follows slow errors of the model, as while braking
+_SMALLEST_GAIN = 1.0 / 16.0  # of a new range on the track: follows slow errors of the model
 _SCATTER_LENGTH = 24  # innovations whose median shows the scatter
 _SCATTER_MINIMUM = 12  # and how many it takes
 _SCATTER_DOUBT = 3.0  # times the stated standard deviation

@@ -490,12 +490,11 @@ def has_burst(record: np.ndarray, windowed: bool) -> np.ndarray:
 
 def _fft_length(count: int) -> int:
     """Return the smallest length from `count` on with no prime factor above 7."""
-    length = count
     while True:
-        rest = length
+        rest = count
         for prime in (2, 3, 5, 7):
             while rest % prime == 0:
                 rest //= prime
         if rest == 1:
-            return length
-        length += 1
+            return count
+        count += 1
