@@ -106,12 +106,12 @@ def test_two_echoes_are_two(tmp_path):
     found = searched(Search(comparison, without=others), 0.01).explanation
     assert [e.key for e in found.effects] == [('echo', '')] * 2
     for effect in found.effects:
-        value, std = effect.told['excess_range']
+        value, std = effect.values['excess_range'], effect.stds['excess_range']
         excess = min(truth, key=lambda e: abs(e - value))
         # 4 values, 4.5 standard deviations: false failure below 1e-4
         assert abs(value - excess) < 4.5 * std and std < 0.1
         assert abs(effect.values['relative_power'] - truth[excess]) < 4.5 * effect.stds['relative_power']
-    assert len({round(e.told['excess_range'][0]) for e in found.effects}) == 2
+    assert len({round(e.values['excess_range']) for e in found.effects}) == 2
 
 
 def test_a_reflection_follows_the_true_distance_and_not_the_reference(tmp_path):
