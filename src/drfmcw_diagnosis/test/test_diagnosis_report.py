@@ -345,13 +345,13 @@ def test_sentences_name_effect_station_size_and_unit(name):
 def test_every_effect_is_described_by_its_own_declaration():
     for name, cls in Effect.registry.items():
         station = 'master' if cls.of == 'station' else None
-        found = FoundEffect(
-            name, station, {k: Estimate(v, abs(v) / 40, '1') for k, v in cls.example.items()}, 50.0, 0.001
-        )
+        listed = {k: v if isinstance(v, list) else [v] for k, v in cls.example.items()}
+        sizes = {k if len(v) == 1 else f'{k}[{i}]': x for k, v in listed.items() for i, x in enumerate(v)}
+        found = FoundEffect(name, station, {k: Estimate(x, abs(x) / 40, '1') for k, x in sizes.items()}, 50.0, 0.001)
         words = wording.effect_words(found)
         assert words.description == ' '.join(cls.__doc__.split())
         assert words.headline and words.formula == cls.formula
-        assert all(p.description for p in words.parameters)
+        assert sum(bool(p.description) for p in words.parameters) == len(cls.example)  # of a list the first one's
         text = wording.effect_sentence(found)
         assert text.endswith('.') and '..' not in text
 

@@ -202,7 +202,7 @@ def test_a_better_instrument_separates_more(recording, better, effect, values, o
 
 
 def test_what_predicts_the_same_is_never_separated(recording):
-    truth = true(recording, 'echo', excess_range=7.5, relative_power=-30.0)
+    truth = true(recording, 'echo', excess_range=7.5, relative_power=-30.0, phase=0.0)
     found = ranked(Fitting(recording), truth, [truth])
     assert len(found) > 15
     assert max(m.separation for m in found) < ROOT and not any(m.decides for m in found)

@@ -62,7 +62,7 @@ class Candidate:
             else:
                 single[base] = (value,) if base in self.kind.list_parameters() else value
         phase = self.recipe.carrier[0]
-        if phase:
+        if phase in values:
             single[phase] = self.reflected(values)
         return single | {b: tuple(found.get(g, 0.0) for g in range(max(found) + 1)) for b, found in several.items()}
 
