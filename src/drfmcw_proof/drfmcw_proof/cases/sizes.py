@@ -424,7 +424,7 @@ def resized(template: Applied, size: float, condition: Condition) -> Applied:
         value = [size * v / largest for v in given]
     else:
         value = KINDS[template.effect].size.value(size)
-        if given is not None and given < 0.0 < value:
+        if isinstance(value, float) and given is not None and given < 0.0 < value:
             value = -value
     return dataclasses.replace(template, parameters={**template.parameters, name: value})
 
