@@ -7,12 +7,8 @@ import numpy as np
 
 from .bank import Candidate
 from .fitting import Fitted, FittedEffect
+from .limits import RIVALS
 from .search import RIVAL, Search
-
-_SAYS_THE_SAME = 25.0  # squared distance between what explanations fitted to the same noise add, of one answer at most
-_WORSE = 8.0  # log evidence by which a rival may be behind: one that only imitates with more freedom is none
-_SUBSTITUTES = 3  # of one effect, of which several are exchanged at once
-_MOST = 24  # explanations with several effects exchanged that are fitted
 
 
 def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
@@ -28,9 +24,9 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
     """
 
     def is_near(other: Fitted) -> bool:
-        alike = other.misfit - fitted.misfit < RIVAL and other.evidence > fitted.evidence - _WORSE
+        alike = other.misfit - fitted.misfit < RIVAL and other.evidence > fitted.evidence - RIVALS.worse
         # what fits as well by the noise elsewhere explains something else
-        return alike and search.apart(other, fitted) < _SAYS_THE_SAME
+        return alike and search.apart(other, fitted) < RIVALS.says_the_same
 
     single = [other for other in exchanged if other.keys != fitted.keys and is_near(other)]
     several = search.fits(_combined(fitted, single))
@@ -72,11 +68,11 @@ def _combined(fitted: Fitted, single: Sequence[Fitted]) -> list[list[tuple[Candi
     for other in single:
         gone = [number for number, effect in enumerate(fitted.effects) if effect.key not in other.keys]
         new = [effect for effect in other.effects if effect.key not in fitted.keys]
-        if len(gone) == len(new) == 1 and len(places[gone[0]]) <= _SUBSTITUTES:
+        if len(gone) == len(new) == 1 and len(places[gone[0]]) <= RIVALS.substitutes:
             places[gone[0]].append((new[0].key, new[0].candidate, new[0].values))
     found = []
     for chosen in itertools.product(*places):
         changed = sum(key not in fitted.keys for key, _, _ in chosen)
         if changed > 1 and len({key for key, _, _ in chosen}) == len(chosen):
             found.append([(candidate, dict(values)) for _, candidate, values in chosen])
-    return found[:_MOST]
+    return found[: RIVALS.most]

@@ -14,33 +14,11 @@ from drfmcw_ros.processes import Workers
 from ..compare.comparison import Comparison
 from .bank import Candidate, at_stations, candidates, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
+from .limits import SEARCH
 from .scanners import resolution, starting_points
 
 RIVAL = 16.0
 """Squared distance below which two explanations are one answer (4 sigma)."""
-
-_TRIED = 12  # kinds of effects that are tried in each round, those with the largest promised gain
-_REFINED = 5  # of them that are refined, those with the largest gain where refinement begins
-_STARTS = 6  # starting points of each kind
-_LEAST = 14.0  # promised gain below which a starting point is not tried: refined, it would not be accepted either
-_FIRST_STEPS = 2  # of refinement, after which one starting point of a kind is chosen
-_STEPS_TO_SIZE = 4  # the same where a template cannot simply be scaled
-_OFF = 0.01  # relative systematic error of a forward model
-_FAINT = 0.1  # length of a template below which it may be mere rounding
-_ALIKE = 0.9  # cosine between the templates of a size and of twice the size, if they are more than rounding
-_NOTHING = 1e-6  # length of a template below which this recording cannot show the effect
-_REFLECTION = 0.1  # turns to which the carrier phase of a reflection is trusted
-_FEW = 6  # kinds of rivals that are refined
-_PLACES = 2  # starting points of each
-_FRINGES = 6  # the same of a reflection: the fringes of different heights resemble each other
-_PROMISED = 0.3  # share of an effect's gain that a substitute must promise
-_FAR = 4.0  # multiple of RIVAL within which a substitute is refined to the end
-_BEHIND = 0.2  # share of an effect's gain by which a substitute may then be behind
-_OF_A_KIND = 2  # effects of one kind at one station, at most
-_SAME = 4.0  # squared distance below which two fits of the same effects are the same (2 sigma)
-_KEPT = 512  # templates
-_PARALLEL = 0.02  # share of a template's power that counts, however much of it an explanation can follow
-_BEYOND_LEVEL = 16.0  # gain that a second path must bring apart from the received power, which may drift
 
 
 class Search(Fitting):
@@ -87,9 +65,9 @@ class Search(Fitting):
         length, recipe = float(np.linalg.norm(template)), candidate.recipe
         if recipe.needs_reference and not self.comparison.known.range().any():
             return False
-        if length > _FAINT:
+        if length > SEARCH.faint:
             return True
-        if length <= _NOTHING or not recipe.size:
+        if length <= SEARCH.nothing or not recipe.size:
             return False
         twice = {
             name: value + 20.0 * math.log10(2.0) if recipe.decibel else 2.0 * value
@@ -97,7 +75,7 @@ class Search(Fitting):
             if name.partition('[')[0] == recipe.size
         }
         other = self._template([candidate.moved(**twice).build()])
-        return float(template @ other) > _ALIKE * length * float(np.linalg.norm(other))
+        return float(template @ other) > SEARCH.alike * length * float(np.linalg.norm(other))
 
     @property
     def places(self) -> int:
@@ -129,7 +107,7 @@ class Search(Fitting):
         values = values or candidate.values
         key = (candidate.effect, candidate.station, tuple(sorted(values.items())))
         if key not in self._kept:
-            if len(self._kept) >= _KEPT:
+            if len(self._kept) >= SEARCH.kept:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = self._template([candidate.build(values)]).astype(np.float32)
         return self._kept[key]
@@ -159,14 +137,14 @@ class Search(Fitting):
         found = [
             self._scaled(candidate, float(o), float(p), residual, freedom)
             for candidate, o, p in zip(chosen, overlap, power, strict=True)
-            if p > _NOTHING**2
+            if p > SEARCH.nothing**2
         ]
         return sorted(found, key=lambda item: -item[0])
 
     def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
         """Return whether a candidate differs from the effects beside it: another kind, or a resolution cell apart."""
         same = [e for e in beside if e.key == candidate.key]
-        if len(same) >= _OF_A_KIND:
+        if len(same) >= SEARCH.of_a_kind:
             return False
         name, width = candidate.recipe.scanned, resolution(self.comparison, candidate.recipe)
         return all(candidate.recipe.repeats and abs(e.values[name] - values[name]) > width for e in same)
@@ -177,7 +155,7 @@ class Search(Fitting):
         power = np.einsum('...j,...j->...', whitened, whitened)
         if freedom is None:
             return power
-        return np.maximum(power - freedom.followed(whitened), _PARALLEL * power)
+        return np.maximum(power - freedom.followed(whitened), SEARCH.parallel * power)
 
     def _scaled(
         self, candidate: Candidate, overlap: float, power: float, residual: np.ndarray, freedom: Freedom | None
@@ -243,7 +221,7 @@ class Search(Fitting):
             return 0.0
         weight = self.whitening.weight
         template = np.abs(self._template([effect.build()])) * weight
-        doubt = _OFF * np.abs(others.template) * weight
+        doubt = SEARCH.off * np.abs(others.template) * weight
         return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
@@ -262,7 +240,7 @@ class Search(Fitting):
         before, after = (
             np.sum(self.whitening(self.comparison.residual - t)[elsewhere] ** 2) for t in (beside, fitted.template)
         )
-        return bool(before - after > _BEYOND_LEVEL)
+        return bool(before - after > SEARCH.beyond_level)
 
     def relocated(self, fitted: Fitted) -> Fitted:
         """Return an explanation with the ray from the ground refitted beside the effects that were added later.
@@ -274,11 +252,11 @@ class Search(Fitting):
             return fitted
         candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
         residual = self.comparison.residual - rest.template
-        begun = self._promising(residual, rest.effects, self.freedom(rest), candidate.effect)[:_FRINGES]
+        begun = self._promising(residual, rest.effects, self.freedom(rest), candidate.effect)[: SEARCH.fringes]
         base = [(e.candidate, e.values) for e in rest.effects]
         fits = self.fits([[*base, (candidate, values)] for _, _, values in begun])
         best = min(fits, key=lambda f: f.misfit, default=fitted)
-        return best if best.certain and best.misfit < fitted.misfit - _SAME else fitted
+        return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
 
     def _without(self, fitted: Fitted, number: int) -> Fitted:
         """Return an explanation without one of its effects, the others as they are; misfit and evidence stay."""
@@ -294,19 +272,19 @@ class Search(Fitting):
         promising = self._promising(residual, current.effects if current else (), freedom)
         chosen: dict[tuple, list] = {}
         for gain, candidate, values in promising:
-            if gain < _LEAST:
+            if gain < SEARCH.least:
                 break
             begun = chosen.setdefault((candidate.key, candidate.free), [])
-            if len(begun) < _STARTS:
+            if len(begun) < SEARCH.starts:
                 begun.append((gain, candidate, values))
-        kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[:_TRIED]
+        kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[: SEARCH.tried]
         base = [(e.candidate, e.values) for e in current.effects] if current else []
 
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
             # a distortion takes long to simulate; one linear starting point gains what it promises
             linear = len(points) == 1 and points[0][1].recipe.size
             effect = points[0][1].kind
-            steps = _FIRST_STEPS if points[0][1].recipe.size else _STEPS_TO_SIZE
+            steps = SEARCH.first_steps if points[0][1].recipe.size else SEARCH.steps_to_size
             steps = 0 if linear or effect.distorts or effect.bursts else steps
             at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in points]
             return min(at, key=lambda f: f.misfit)
@@ -315,10 +293,10 @@ class Search(Fitting):
             return self.fit([*base, *((e.candidate, e.values) for e in start.effects)])
 
         self.report('effects that promise something', 0.3)
-        enough = self.misfit(beside) - _LEAST
+        enough = self.misfit(beside) - SEARCH.least
         starts = [start for start in self._workers.map(begun_at, kinds) if start.misfit < enough]
         self.report('refinement', 0.6)
-        results = self._workers.map(refined, sorted(starts, key=lambda f: f.misfit)[:_REFINED])
+        results = self._workers.map(refined, sorted(starts, key=lambda f: f.misfit)[: SEARCH.refined])
         return sorted(results, key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
@@ -345,16 +323,16 @@ class Search(Fitting):
             goal = self.misfit(rest.template) - fitted.misfit
 
             def refined(point: tuple, base: list = base, goal: float = goal) -> Fitted | None:
-                begun = self.fit([*base, point], _FIRST_STEPS)
-                if begun.misfit - fitted.misfit > max(_FAR * RIVAL, _BEHIND * goal):
+                begun = self.fit([*base, point], SEARCH.first_steps)
+                if begun.misfit - fitted.misfit > max(SEARCH.far * RIVAL, SEARCH.behind * goal):
                     return None
                 return self.fit([(e.candidate, e.values) for e in begun.effects])
 
-            for other in self._workers.map(refined, self._substitutes(rest, _PROMISED * goal)):
+            for other in self._workers.map(refined, self._substitutes(rest, SEARCH.promised * goal)):
                 if other is None or not self.credible(other, rest.template):
                     continue
                 if other.keys == fitted.keys and other.free == fitted.free:
-                    if all(self.apart(other, known) >= _SAME for known in (fitted, *elsewhere)):
+                    if all(self.apart(other, known) >= SEARCH.same for known in (fitted, *elsewhere)):
                         elsewhere.append(other)
                     continue
                 known = found.get((other.keys, other.free))
@@ -372,14 +350,14 @@ class Search(Fitting):
         found: list[tuple[Candidate, dict]] = []
         tried: dict[tuple, list[np.ndarray]] = {}
         for gain, candidate, values in self._promising(residual, rest.effects, self.freedom(rest)):
-            if gain < least or len(tried) >= _FEW:
+            if gain < least or len(tried) >= SEARCH.few:
                 break
             there = tried.setdefault(candidate.key, [])
-            if len(there) >= (_FRINGES if _is_reflection(candidate) else _PLACES):
+            if len(there) >= (SEARCH.fringes if _is_reflection(candidate) else SEARCH.places):
                 continue
             template = self.whitening(self._unit(candidate, values))
-            template /= max(float(np.linalg.norm(template)), _NOTHING)
-            if all(abs(float(template @ other)) < _ALIKE for other in there):
+            template /= max(float(np.linalg.norm(template)), SEARCH.nothing)
+            if all(abs(float(template @ other)) < SEARCH.alike for other in there):
                 there.append(template)
                 found.append((candidate, values))
         return found

@@ -4,14 +4,11 @@ import dataclasses
 
 from .fitting import Fitted
 from .leftovers import leftovers
+from .limits import SELECTION
 from .search import Search
 
 MOST_EFFECTS = 6
 """Effects in one explanation."""
-
-_FURTHER = 0.1  # of the accepted chance: an effect beside others must be surer than the first
-_BETTER = 3.0  # log evidence by which an exchange must be better to be made
-_EXCHANGED = 3  # times at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +32,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     current, significance, rounds = forward(search, None, false_alarm_rate)
     current = pruned(search, current, false_alarm_rate)
     exchanged: list[Fitted] = []
-    for _ in range(_EXCHANGED):
+    for _ in range(SELECTION.exchanged):
         if current is None:
             break
         search.trust(current)
@@ -48,7 +45,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         if fewer is not None:
             current = fewer
             continue
-        if not exchanged or exchanged[0].evidence < current.evidence + _BETTER:
+        if not exchanged or exchanged[0].evidence < current.evidence + SELECTION.better:
             break
         current = exchanged[0]
         current, _, more = forward(search, current, false_alarm_rate)
@@ -99,7 +96,7 @@ def forward(
         if len(rounds) == 1:
             significance = chance
         needed = current.evidence if current else 0.0
-        accepted = false_alarm_rate * (1.0 if current is None else _FURTHER)
+        accepted = false_alarm_rate * (1.0 if current is None else SELECTION.further)
         if chance > accepted or best.evidence <= needed + 1.0:
             break
         current = search.relocated(best)
@@ -118,7 +115,7 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
             gain = without.misfit - found.misfit - search.imitated(effect, without)
             chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
         chance, without = max(chances, key=lambda item: item[0])
-        if chance <= false_alarm_rate * _FURTHER:
+        if chance <= false_alarm_rate * SELECTION.further:
             break
         found = without
     return found
