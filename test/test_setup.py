@@ -13,8 +13,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON = os.path.realpath(sys.executable)
-SUBCOMMANDS = ["demo", "test", "run", "station", "fusion", "simulate", "record", "replay", "info", "bench",
-               "montecarlo", "reproduce"]  # fmt: skip
+SUBCOMMANDS = (
+    "demo test run station fusion simulate record replay info import export view bench montecarlo "
+    "campaign reproduce pair diagnose prove watch"
+).split()
 
 
 def launch(root, *arguments, path=os.environ["PATH"], python=PYTHON, timeout=60, **variables):
