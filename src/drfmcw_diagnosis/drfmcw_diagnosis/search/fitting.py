@@ -110,10 +110,15 @@ def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
     return tuple(e for e in effects if not (e.distorts or e.bursts)) or None
 
 
+def series_of(entries: Entries) -> np.ndarray:
+    """Return which series each number belongs to (n,): one kind at one station."""
+    _, series = np.unique(np.char.add(entries.kind, entries.station.astype('U4')), return_inverse=True)
+    return series
+
+
 def cells_of(entries: Entries) -> np.ndarray:
     """Return the number of each number's cell (n,): one kind at one station in one group of sweeps."""
-    _, kinds = np.unique(np.char.add(entries.kind, entries.station.astype('U4')), return_inverse=True)
-    cells: np.ndarray = kinds * (entries.group.max() + 1) + entries.group
+    cells: np.ndarray = series_of(entries) * (entries.group.max() + 1) + entries.group
     return cells
 
 

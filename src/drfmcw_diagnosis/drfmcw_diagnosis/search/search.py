@@ -212,8 +212,7 @@ class Search(Fitting):
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from its present values."""
-        told = [e.told for e in fitted.effects]
-        return self.fit([(e.candidate, e.values) for e in fitted.effects], 4).with_told(told)
+        return self.fit([(e.candidate, e.values) for e in fitted.effects], 4)
 
     def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
         """Return the gain that an effect may owe to errors of the other effects' forward models, in the worst case."""

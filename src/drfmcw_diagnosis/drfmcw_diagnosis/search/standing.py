@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from ..compare.algebra import scaled_inverse
-from .fitting import Fitted, Fitting, cells_of
+from .fitting import Fitted, Fitting, cells_of, series_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,10 +63,10 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     whitening = fitting.whitening
     rest = whitening(fitting.comparison.residual - fitted.template)
     slopes = whitening(fitting.slopes(fitted))
-    _, kinds = np.unique(np.char.add(entries.kind, entries.station.astype('U4')), return_inverse=True)
-    groups, cells = entries.group, cells_of(entries)
+    groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
     converters = _of_uneven_converters(fitting)
-    changes = _without_each_group(rest, slopes, groups)
+    changes = _without_each_group(rest, slopes, groups)[groups]
+    moved = np.einsum('np,pn->n', changes, slopes)
     found = []
     first = 0
     for number, effect in enumerate(fitted.effects):
@@ -74,8 +74,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         first = own.stop
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
         added = whitening(fitted.template - (fitting.comparison.template(others) if others else 0.0))
-        moved = np.einsum('gp,pn->gn', changes, slopes)[groups, np.arange(len(rest))]
-        moved_own = np.einsum('gp,pn->gn', changes[:, own], slopes[own])[groups, np.arange(len(rest))]
+        moved_own = np.einsum('np,pn->n', changes[:, own], slopes[own])
         free = len(effect.candidate.free)
         found.append(_standing(rest, added, moved, moved_own, groups, kinds, cells, converters, free))
     return found
