@@ -63,7 +63,8 @@ def repair(venv):
     python_include = sysconfig.get_path("include")
     packages = os.path.join(venv, "lib", f"python{sys.version_info[0]}.{sys.version_info[1]}", "site-packages")
     numpy_include = os.path.join(packages, "numpy", "_core", "include")
-    wrong_numpy = re.compile(r'/opt/python/[^;">]*/site-packages/numpy/_?core/include')
+    # Of any other environment: a cache of wheels may hold files that an earlier set-up has changed.
+    wrong_numpy = re.compile(r'/[^;"<>\s]*/site-packages/numpy/_?core/include')
     wrong_python = re.compile(r'/opt/python/[^/;">]+/include/python3\.\d+')
     for folder in ("share", os.path.join("lib", "cmake")):
         for where, _, files in os.walk(os.path.join(venv, folder)):
@@ -72,8 +73,9 @@ def repair(venv):
                     old = file.read()
                 new = wrong_python.sub(lambda _: python_include, wrong_numpy.sub(lambda _: numpy_include, old))
                 if new != old:
-                    with open(path, "w", encoding="utf-8") as file:
+                    with open(path + ".new", "w", encoding="utf-8") as file:
                         file.write(new)
+                    os.replace(path + ".new", path)  # uv links files to its cache, which must keep its own
 
 
 def _install_all(root, venv, output, lock, progress):

@@ -69,8 +69,9 @@ def variables(root):
 
 def _cause(lines):
     """The line of a build's output that most likely says what is wrong."""
-    for pattern in ("error:", "CMake Error", "Error"):
+    lines = [line for line in lines if line.strip()]
+    for pattern in ("CMake Error", "error:", "Error"):  # after an error of CMake, Ninja reports one that says less
         for number, line in enumerate(lines):
             if pattern in line:
-                return " ".join(part.strip() for part in lines[number : number + 2])
+                return " ".join(part.strip() for part in lines[number : number + 4])
     return lines[-1].strip() if lines else "no output"
