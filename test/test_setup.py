@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from setup import wheels
+
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON = os.path.realpath(sys.executable)
 SUBCOMMANDS = (
@@ -190,3 +192,26 @@ def _old_python(version):
         if candidate and subprocess.run([candidate, "-c", ""], capture_output=True, check=False).returncode == 0:
             return str(candidate)
     return None
+
+
+def test_repair_of_a_wheels_file_leaves_the_cache_alone(tmp_path):
+    numpy = Path("site-packages", "numpy", "_core", "include")
+    site = Path("lib", f"python{sys.version_info[0]}.{sys.version_info[1]}") / numpy
+    exported = f'set(INCLUDES "/opt/python/cp311-cp311/lib/python3.11/{numpy};${{PREFIX}}/include")\n'
+    cached = tmp_path / "cached.cmake"
+    cached.write_text(exported)
+    for name in ("first", "second"):
+        folder = tmp_path / name / "share"
+        folder.mkdir(parents=True)
+        os.link(cached, folder / "export.cmake")  # as uv installs
+        wheels.repair(str(tmp_path / name))
+        assert f'"{tmp_path / name / site};${{PREFIX}}/include"' in (folder / "export.cmake").read_text()
+    assert cached.read_text() == exported
+
+
+def test_paths_of_another_setup_are_repaired(tmp_path):
+    folder = tmp_path / "here" / "share"
+    folder.mkdir(parents=True)
+    (folder / "export.cmake").write_text('"/gone/.venv/lib/python3.12/site-packages/numpy/_core/include"\n')
+    wheels.repair(str(tmp_path / "here"))
+    assert "/gone" not in (folder / "export.cmake").read_text()
