@@ -69,6 +69,12 @@ class ModelLimits:
     air: float = 3e-5
     """Of the refractivity where the weather is unknown [1]: a tenth of the default's; chosen."""
 
+    air_drift: float = 1e-8
+    """Of the refractive index of air within a group [1/s]: 10 mK/s, which weather readings do not resolve; chosen."""
+
+    felt: float = 0.01
+    """Squared length of a common error [variances], below which it is left out; chosen."""
+
     largest: float = 1e4
     """Whitened residual at which numbers are clipped [1]: a larger one carries no more information; chosen."""
 

@@ -1,6 +1,7 @@
 """What the line's frequency and power say of the path: common beat frequency, amplitude, range, and velocity."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -127,6 +128,22 @@ class Movement(Kind):
             values.append(turned - turned.mean())
             stds.append(std if compared else np.full(len(turned), np.inf))
         return np.concatenate(values), np.concatenate(stds)
+
+    def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
+        """Return a movement at constant speed in each group: the air changes while the crane stands."""
+        time, speed = {}, {}
+        for one in expected:
+            for local, group, distance in zip(one.part.local, one.part.groups, one.part.steady.range, strict=True):
+                time[group] = one.part.all.time[local]
+                speed[group] = MODEL.air_drift * distance
+        bounds = np.cumsum([0, *(len(time[g]) for g in sorted(time))])
+        found = []
+        for group, (first, end) in enumerate(itertools.pairwise(bounds)):
+            moved = np.zeros(len(std))
+            moved[first:end] = speed[group] * (time[group] - time[group].mean())
+            if np.sum((moved / std) ** 2) > MODEL.felt:
+                found.append(moved)
+        return found
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the movement of the model's path."""
