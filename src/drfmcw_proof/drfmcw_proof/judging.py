@@ -120,7 +120,7 @@ def _outcome(
     if verdict == 'partial':
         return _of_partial(keys(known), named[0], whole=len(known) == len(truth['effects']))
     if len(known) < len(truth['effects']):
-        return _of_unregistered(truth, verdict, named, alike)
+        return _of_unregistered(truth, keys(known), verdict, named, alike)
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     if verdict == 'explained':
@@ -140,10 +140,14 @@ def _of_partial(known: Explained, named: Explained, whole: bool) -> tuple[str, s
 
 
 def _of_unregistered(
-    truth: Mapping[str, Any], verdict: str, named: tuple[Explained, ...], alike: set[Explained]
+    truth: Mapping[str, Any], known: Explained, verdict: str, named: tuple[Explained, ...], alike: set[Explained]
 ) -> tuple[str, str]:
     if verdict == 'unexplained':
-        return 'right', 'unexplained, as it should be'
+        return ('unnamed', 'nothing named') if known else ('right', 'unexplained, as it should be')
+    if known == named[0] and verdict == 'explained':
+        return 'right', 'named, what the registry lacks is far smaller'
+    if known in named and verdict == 'ambiguous':
+        return 'right', 'named among others, beside what the registry lacks'
     if alike >= set(named):
         how = 'right' if _rivals(truth) & set(named) else 'imitated'
         return how, f'called {verdict} by an effect that the data cannot separate from the truth'

@@ -48,7 +48,7 @@ def _first_named(record: Record) -> str:
     if not record['judgement']['named']:
         return record['finding']['verdict']
     effects = figures.names(record['finding']['effects'])
-    if record['group'] not in ('pair', 'strong_pair'):
+    if record['group'] not in figures.SEVERAL:
         for shown_by in record['truth']['effects'][:-1]:  # what only shows the last one
             if shown_by['effect'] in effects:
                 effects.remove(shown_by['effect'])
@@ -58,8 +58,8 @@ def _first_named(record: Record) -> str:
 def _true_name(record: Record) -> str:
     if figures.is_null(record):
         return 'nothing'
-    if record['group'] in ('pair', 'strong_pair'):
-        return 'two effects'
+    if record['group'] in figures.SEVERAL:
+        return 'several effects'
     last = record['truth']['effects'][-1]  # is shown by those before it
     if record['group'] == 'left_out':
         return 'left out of the registry'
@@ -70,7 +70,7 @@ def _confusion(records: Sequence[Record]) -> Figure:
     """Return counts by what is concealed and what is named."""
     pairs = collections.Counter((_true_name(r), _first_named(r)) for r in records)
     special = (
-        'nothing', 'two effects', 'outside the registry', 'left out of the registry',
+        'nothing', 'several effects', 'outside the registry', 'left out of the registry',
         'consistent', 'several', 'unexplained', 'failed',
     )  # fmt: skip
     rows, columns = (

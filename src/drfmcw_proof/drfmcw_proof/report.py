@@ -74,6 +74,7 @@ def document(run: Run, records: Sequence[Record], drawn: Collection[str]) -> str
         ('Confusion', _CONFUSION, (('confusion', 'Effects concealed and effects named'),)),
         ('Parameters', _parameters(records), (('pulls', 'Pulls'),)),
         ('Two effects', _rates_by(records, ('pair', 'strong_pair'), _PAIRS), ()),
+        ('Mixtures of any size', _rates_by(records, ('mixture', 'beside_unknown'), _MIXTURES), ()),
         ('Outside the registry', _rates_by(records, ('outside',), _OUTSIDE, _kind), ()),
         ('Left out of the registry', _rates_by(records, ('left_out',), _LEFT_OUT, _kind), ()),
         ('Decoys', _rates_by(records, ('decoy',), _DECOYS), ()),
@@ -247,6 +248,11 @@ _PAIRS = (
     'Right: both effects named with their stations, or ambiguous among explanations that the data cannot separate. d '
     'is that of the smaller effect.'
 )
+_MIXTURES = (
+    'Two to four effects of d from 8 to 3000 (uniform logarithm); and one or two beside something outside the '
+    'registry. Right: all effects of the registry named with their stations, and none besides. d is that of the '
+    'smallest effect, with the others in place.'
+)
 _IMITATED = (
     f' Imitated: every explanation named changes the data as the truth does, to within {SEPARABLE:g} sigma, so '
     '"unexplained" is impossible. Such cases are not in the rate.'
@@ -261,6 +267,9 @@ _DECOYS = 'Conditions that look like a cause but are none, and true causes besid
 
 def _group(record: Record) -> str:
     low, high = {'pair': (12, 25), 'strong_pair': (50, 500)}.get(record['group'], (0, 0))
+    if record['group'] in ('mixture', 'beside_unknown'):
+        known = [e for e in record['truth']['effects'] if e['registered']]
+        return f'{len(known)} effects' + (' and one unknown' if record['group'] == 'beside_unknown' else '')
     return f'd {low} to {high}' if high else record['kind']
 
 

@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -712,8 +713,8 @@ def test_quick_list_covers_every_group_and_follows_from_its_seed():
     assert quick == cases.plans('quick', 3)
     assert quick != cases.plans('quick', 4)
     few = cases.Counts(
-        nulls=5, wrong_nulls=1, sizes=(5.0,), strong_sizes=(60.0,), drives=4, pairs=2, strong_pairs=1,
-        outside_sizes=(10.0,), decoys=1, ambiguous=1, left_out_sizes=(20.0,),
+        nulls=5, wrong_nulls=1, sizes=(5.0,), strong_sizes=(60.0,), drives=4, pairs=2, strong_pairs=1, mixtures=2,
+        beside_unknown=1, outside_sizes=(10.0,), decoys=1, ambiguous=1, left_out_sizes=(20.0,),
     )  # fmt: skip
     full = cases.plans('full', 3, few)
     assert {p.group for p in full} == set(cases.GROUPS)
@@ -923,3 +924,20 @@ def test_practice_recordings_are_reproduced(number):
             chi = np.median((a.mean(axis=1) - b.mean(axis=1)) ** 2 / ((variance[0] + variance[1]) / 24))
             assert 0.3 < chi < 0.7
             assert np.median(variance[0] / variance[1]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_mixtures_hold_every_pair_of_effects_together_but_twins():
+    sets = cases.covering(effects.REGISTERED)
+    assert {len(s) for s in sets} == {2, 3, 4} and all(len(set(s)) == len(s) for s in sets)
+    met = {frozenset(pair) for s in sets for pair in itertools.combinations(s, 2)}
+    twins = {frozenset(pair) for pair in draws.TWINS.items()}
+    assert met == {frozenset(pair) for pair in itertools.combinations(effects.REGISTERED, 2)} - twins
+    assert sets == cases.covering(effects.REGISTERED)
+
+
+def test_beside_something_unknown_only_registered_effects_are_to_be_named():
+    for number in range(6):
+        case = cases._beside_unknown('x', np.random.default_rng(number), draws.Extent(4, 4))
+        kinds = [w.template.effect for w in case.wanted]
+        assert sum(kind in effects.OUTSIDE for kind in kinds) == 1 and len(kinds) >= 2
+        assert 'partial' in case.verdicts and case.group == 'beside_unknown'

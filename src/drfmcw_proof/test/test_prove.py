@@ -237,8 +237,8 @@ def test_few_cases_go_around_groups_and_kinds():
 
 def test_what_decides_follows_what_it_decides():
     counts = Counts(
-        nulls=5, wrong_nulls=1, sizes=(5.0,), strong_sizes=(60.0,), drives=4, pairs=2, strong_pairs=1,
-        outside_sizes=(10.0,), decoys=1, ambiguous=1, left_out_sizes=(20.0,),
+        nulls=5, wrong_nulls=1, sizes=(5.0,), strong_sizes=(60.0,), drives=4, pairs=2, strong_pairs=1, mixtures=2,
+        beside_unknown=1, outside_sizes=(10.0,), decoys=1, ambiguous=1, left_out_sizes=(20.0,),
     )  # fmt: skip
     listed = plans('full', 3, counts)
     order = prove.chosen(listed, GROUPS, None, 3)

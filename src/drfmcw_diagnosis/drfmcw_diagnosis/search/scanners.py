@@ -382,12 +382,20 @@ def _lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) ->
     return tuple(found)
 
 
+def _leaked_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return the delays of leakage whose lines stand in a station's IF spectrum [ns]."""
+    sweep = c.data.sweeps[0][c.heard[station]]
+    slowest = _HANN * _sweep_resolution(c)  # slower, it is a constant
+    return tuple(1e9 * f / abs(sweep.chirp_rate) for f in _lines(c, residual, station, recipe) if f > slowest)
+
+
 SCANNERS: dict[str, Scanner] = {
     'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
     'fringes over distance': Scanner(_reflections),
     'ripple': Scanner(_ripples, resolution=_sweep_resolution),
     'oscillation': Scanner(_oscillations),
     'narrow line': Scanner(_lines, True, lambda c: _HANN * _sweep_resolution(c)),
+    'line of the chirp': Scanner(_leaked_lines, True, lambda c: _HANN * _sweep_resolution(c)),
     'harmonics': Scanner(_harmonics, True),
     'even harmonics': Scanner(_even_harmonics),
     'limit': Scanner(_limits, True),

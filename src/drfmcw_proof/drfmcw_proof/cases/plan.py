@@ -10,7 +10,7 @@ seals its truth and writes its recording. Everything follows from the seed.
 import dataclasses
 import hashlib
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,8 @@ GROUPS: dict[str, int] = {
     'strong': 3,
     'pair': 2,
     'strong_pair': 2,
+    'mixture': 3,
+    'beside_unknown': 2,
     'outside': 2,
     'decoy': 1,
     'ambiguous': 1,
@@ -319,6 +321,8 @@ class Counts:
     drives: int = 4
     pairs: int = 24  # of d from 12 to 25
     strong_pairs: int = 20  # of d from 50 to 500
+    mixtures: int | None = None  # of two to four effects of d from 8 to 3000; None: as many as cover all pairs
+    beside_unknown: int = 30  # the same of one or two, beside something outside the registry
     outside_sizes: tuple[float, ...] = (16.0, 100.0)
     decoys: int = 1  # of each kind
     ambiguous: int = 2  # of each kind, each with the measurement that decides it
@@ -392,6 +396,9 @@ def _once(counts: Counts) -> Iterator[Builder]:
     yield from itertools.repeat(partial(_drive, extent=usual), counts.drives)
     yield from itertools.repeat(partial(_pair, effects=None, d=None, extent=usual), counts.pairs)
     yield from itertools.repeat(partial(_strong_pair, extent=usual), counts.strong_pairs)
+    for effects in covering(REGISTERED)[: counts.mixtures]:
+        yield partial(_mixture, effects=effects, extent=usual)
+    yield from itertools.repeat(partial(_beside_unknown, extent=usual), counts.beside_unknown)
     for effect in OUTSIDE:
         yield from (partial(_single, effect=effect, d=d, extent=usual, group='outside') for d in counts.outside_sizes)
     for kind in DECOYS:
@@ -429,6 +436,67 @@ def _strong_pair(name: str, random: np.random.Generator, extent: Extent) -> Plan
     ]
     wanted.sort(key=lambda w: w.d is not None)  # an effect is scaled while the crane drives
     return _of_pair(name, 'strong_pair', condition, tuple(wanted))
+
+
+_MIXED = (8.0, 3000.0)
+"""Least and largest d of an effect in a mixture."""
+
+
+def covering(effects: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return sets of two to four effects in random order, always the same, in which every pair of effects occurs.
+
+    Twins, which change the data alike, never occur together.
+    """
+    random = np.random.default_rng(0)
+    pairs = {frozenset(pair) for pair in itertools.combinations(effects, 2)} - _PAIRS_NEVER
+    left = sorted(pairs, key=sorted)
+    random.shuffle(left)
+    missing, found = dict.fromkeys(left), []
+    while missing:
+        chosen = sorted(next(iter(missing)))
+        for _ in range(int(random.integers(3))):
+            new = {
+                effect: sum(frozenset((effect, other)) in missing for other in chosen)
+                for effect in map(str, random.permutation(effects))
+                if effect not in chosen and not any(frozenset((effect, other)) in _PAIRS_NEVER for other in chosen)
+            }
+            chosen.append(max(new, key=lambda effect: new[effect]))
+        for pair in itertools.combinations(chosen, 2):
+            missing.pop(frozenset(pair), None)
+        found.append(tuple(map(str, random.permutation(chosen))))
+    random.shuffle(found)
+    return found
+
+
+def _mixture(name: str, random: np.random.Generator, effects: Sequence[str], extent: Extent) -> Plan:
+    """Return a case of several effects, each of any size."""
+    condition = random_condition(random, extent)
+    return _of_pair(name, 'mixture', condition, _mixed(random, effects, condition))
+
+
+def _beside_unknown(name: str, random: np.random.Generator, extent: Extent) -> Plan:
+    """Return a case of one or two effects and something that the registry lacks."""
+    condition = random_condition(random, extent)
+    known = _two(random)[: int(random.integers(1, 3))]
+    wanted = _mixed(random, known, condition)
+    unknown = str(random.choice(OUTSIDE))
+    parts = template(random, unknown, condition)
+    wanted += tuple(Wanted(part, None if unknown in _FIXED else _any_size(random)) for part in parts)
+    plan = _of_pair(name, 'beside_unknown', condition, wanted)
+    alike = rivals(condition, [w.template for w in wanted if KINDS[w.template.effect].registered])
+    return dataclasses.replace(plan, verdicts=('partial', 'ambiguous') if alike else ('partial',), rivals=alike)
+
+
+def _mixed(random: np.random.Generator, effects: Sequence[str], condition: Condition) -> tuple[Wanted, ...]:
+    """Return effects of random shape and size; a crane that moves drives at its own speed."""
+    parts = [part for effect in effects for part in template(random, effect, condition)]
+    once = {part.effect: part for part in parts}  # a crane drives once
+    wanted = [Wanted(part, None if part.effect == 'target_motion' else _any_size(random)) for part in once.values()]
+    return tuple(sorted(wanted, key=lambda w: w.d is not None))  # an effect is scaled while the crane drives
+
+
+def _any_size(random: np.random.Generator) -> float:
+    return float(np.exp(random.uniform(*np.log(_MIXED))))
 
 
 def _of_pair(name: str, group: str, condition: Condition, wanted: tuple[Wanted, ...]) -> Plan:

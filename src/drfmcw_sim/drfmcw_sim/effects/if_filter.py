@@ -28,7 +28,10 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
     formula = 'X(f) → X(f) / (1 + j f / pole)'
     example = {'pole': 2e6}
     stage = Stage.FILTER
-    recipes = (Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),)
+    recipes = (
+        Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),
+        Recipe('', {'noise_behind': True}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),
+    )
 
     pole: float = parameter(unit='Hz', bounds=(1e3, 1e18), description='frequency at which the power is halved')
     noise_behind: bool = parameter(False, description="the receiver's noise enters behind the filter, not ahead of it")

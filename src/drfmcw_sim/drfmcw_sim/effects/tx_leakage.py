@@ -24,7 +24,20 @@ class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) cos 2π(f₀ delay + k delay (u − ½ delay)) while both are on, s full scale'
     example = {'level': -40.0}
-    recipes = (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),)
+    recipes = (
+        Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),
+        Recipe(
+            'level',
+            start={'level': -80.0},
+            prior={'level': 20.0, 'delay': 200.0},
+            defining=('delay',),
+            decibel=True,
+            steps={'level': 0.05, 'delay': 0.1},
+            scan='line of the chirp',
+            scanned='delay',
+            cells=200,
+        ),
+    )
 
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 20.0), description='of the constant or the line; ADC full scale is 0 dBFS'

@@ -100,6 +100,20 @@ class Flutter(_OfChannels):
         compared = recorded.standing[:, None, None] & (terms >= SCATTER.steady) & recorded.scatters
         return np.where(compared, over, 0.0)
 
+    def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
+        """Return a variance of each channel's slowest terms that is too low in all groups."""
+        recorded = expected[0].model.recorded
+        terms = np.arange(std.shape[-1]) - SCATTER.steady
+        course = np.where(terms >= 0, MODEL.slow_flutter * np.exp(-np.maximum(terms, 0) / MODEL.slow_terms), 0.0)
+        whitened = np.sqrt(recorded.freedom / 2.0)[:, None] / SCATTER.flutter_spread * course
+        whitened *= recorded.standing[:, None] & recorded.scatters
+        found = []
+        for channel in range(std.shape[1]):
+            row = np.zeros(std.shape)
+            row[:, channel] = whitened * std[:, channel]  # which stands for the variance around
+            found.append(row)
+        return found
+
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
         if explained.distorting or explained.bursting:
