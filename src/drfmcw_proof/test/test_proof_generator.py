@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from checkout import practice_recording
 from scipy import special, stats
-from scipy.integrate import cumulative_simpson
+from scipy.integrate import cumulative_trapezoid
 
 import drfmcw_proof
 from drfmcw_diagnosis.next.ranking import measurements
@@ -300,7 +300,7 @@ def test_sweep_shapes_are_integrals_of_the_frequency_error(effect, station):
     scene, before = with_effect(c, effect, c.names[station], **parameters)
     rows = np.array([0, 5, 11])
     t = np.linspace(0.0, 1e-3, 200_001)
-    phase = 2.0 * math.pi * cumulative_simpson(error(t), x=t, initial=0.0)
+    phase = 2.0 * math.pi * cumulative_trapezoid(error(t), t, initial=0.0)
     u = np.arange(2048) / 2.048e6
     own = phase_change(scene, before, station, rows)
     expected = np.broadcast_to(np.interp(u, t, phase), own.shape)
