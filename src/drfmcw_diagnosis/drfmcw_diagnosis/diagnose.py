@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
-from .engine import FALSE_ALARM_RATE, diagnose
+from .engine import LIMITS, diagnose
 from .finding.report import render_html
 from .finding.summary import terminal
 
@@ -32,8 +32,8 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--out', metavar='DIR', help='write finding.json, report.html and refined.yaml there')
     result.add_argument('--pair', metavar='FIRST/SECOND', help='pair of stations (the one with most sweeps)')
     result.add_argument(
-        '--false-alarm-rate', type=float, default=FALSE_ALARM_RATE, metavar='P',
-        help=f'accepted chance of finding a mismatch where there is none ({FALSE_ALARM_RATE:g})',
+        '--false-alarm-rate', type=float, default=LIMITS.false_alarm_rate, metavar='P',
+        help=f'accepted chance of finding a mismatch where there is none ({LIMITS.false_alarm_rate:g})',
     )  # fmt: skip
     result.add_argument('--without', default='', metavar='EFFECT[,EFFECT]', help='search without these effects')
     result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')

@@ -26,13 +26,13 @@ from .search.search import Search
 from .search.selection import searched
 from .search.verdict import Judgement, judged
 
-FALSE_ALARM_RATE = 0.01
-"""Accepted chance of finding a mismatch in a recording that holds none."""
-
 
 @dataclasses.dataclass(frozen=True)
 class EngineLimits:
     """How a finding is verified, and how far sizes are trusted."""
+
+    false_alarm_rate: float = 0.01
+    """Accepted chance of finding a mismatch in a recording that holds none [1]; chosen."""
 
     fitted_share: float = 2.0 / 3.0
     """Share of the sweeps of each group that is fitted, the first ones [1]; chosen."""
@@ -50,7 +50,7 @@ LIMITS = EngineLimits()
 def diagnose(
     path: Path | str,
     pair: str | None = None,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
+    false_alarm_rate: float = LIMITS.false_alarm_rate,
     out: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     command: str = '',
@@ -80,7 +80,7 @@ def diagnose(
 
 def diagnose_dataset(
     data: Dataset,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
+    false_alarm_rate: float = LIMITS.false_alarm_rate,
     out: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     command: str = '',

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drfmcw_diagnosis.compare.comparison import Comparison
-from drfmcw_diagnosis.features.extractor import BURST
+from drfmcw_diagnosis.features.limits import SPECTRUM
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
@@ -166,7 +166,7 @@ def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
     """No span of most sweeps holds twice the usual power; what they do to the spread of powers tells them."""
     burst = {'probability': 0.3, 'level': -60.0, 'duration': 1.2e-4}
     comparison = compared(tmp_path / 'r', 38, Applied('interference_burst', 'slave', burst), settings=14, sweeps=24)
-    loud = [np.any(s.quiet[:, 1] > BURST * np.median(s.quiet[:, 1]), axis=1) for s in comparison.sweeps]
+    loud = [np.any(s.quiet[:, 1] > SPECTRUM.burst * np.median(s.quiet[:, 1]), axis=1) for s in comparison.sweeps]
     assert np.mean(np.concatenate(loud)) < 0.5 * burst['probability']
     known = {'interference_burst', 'noise_floor'}
     found = searched(Search(comparison, without=set(Effect.registry) - known), 0.01).explanation

@@ -29,7 +29,7 @@ class RecordedSweeps:
         unsound: how many sweeps were left out, as their lines were not where they should be.
         parts: the groups by setting.
         sweeps: features of each group's members.
-        shares: of each group's members in the coherence (n, OFFSETS).
+        shares: of each group's members in the coherence (n, C).
         slope: of the reference in each group (G,) [m/s].
         slope_std: its standard deviation (G,), inf where there is no reference.
         reference_noise: standard deviation of the reference's mean in each group (G,), 0 without reference [m].

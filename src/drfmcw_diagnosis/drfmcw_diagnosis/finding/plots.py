@@ -83,15 +83,14 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
         options = {'rotation': 35, 'ha': 'right', 'rotation_mode': 'anchor'} if turned else {}
         axes[-1].set_xticklabels(shown.columns, parse_math=False, **options)
         bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=18)
-        ticks = [
-            m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if max(1.0 / largest, PLOTS.palest) <= m * 10.0**e <= largest
-        ]
+        begin = max(1.0 / largest, PLOTS.palest)
+        ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if begin <= m * 10.0**e <= largest]
         if largest > PLOTS.decades:
             ticks = [t for t in ticks if math.isclose(math.log10(t), round(math.log10(t)))]
         bar.set_ticks(FixedLocator(ticks))
         bar.ax.yaxis.set_minor_locator(NullLocator())
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f'{v:g}'))
-        bar.ax.set_ylim(max(1.0 / largest, PLOTS.palest), largest)
+        bar.ax.set_ylim(begin, largest)
         bar.set_label('misfit per degree\nof freedom, 1 = noise')
         return _png(figure)
 

@@ -16,13 +16,10 @@ from drfmcw_sim.nominal import link_budget
 from drfmcw_sim.signal_model import synthesise
 
 from ..compare.comparison import Comparison
-from ..features.extractor import LINE
+from ..features.limits import SPECTRUM
 from ..recording.dataset import Dataset
 from .instruments import Effects, Measurement, View
 from .limits import FURTHER
-
-SWEEPS = 12
-"""Sweep pairs at each distance, at most."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +57,7 @@ class _Supposed(Dataset):
 def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
     """Return the comparison of a simulated recording: nominal sweeps with noise, and jitter as in the real one."""
     data = comparison.data
-    members = [comparison.members[g][:SWEEPS] for g in conditions.groups]
+    members = [comparison.members[g][: FURTHER.sweeps] for g in conditions.groups]
     rows = np.concatenate(members)
     place = np.repeat(np.arange(len(members)), [len(m) for m in members])
     distance = np.array(conditions.distance)[place]
@@ -196,7 +193,7 @@ def _timed(
     mode = Mode.LONG_DISTANCE if delay > start_delay and not sweeps[0].hears_itself else Mode.SHORT_DISTANCE
     changed = tuple(dataclasses.replace(s, start_delay=start_delay, mode=int(mode)) for s in sweeps)
     for sweep in changed:
-        line, margin = beat_frequency(sweep, delay, 1.0, 1.0), LINE * sweep.sample_rate / sweep.sample_count
+        line, margin = beat_frequency(sweep, delay, 1.0, 1.0), SPECTRUM.line * sweep.sample_rate / sweep.sample_count
         if not margin < line < sweep.sample_rate / 2 - margin:
             return None
     return changed

@@ -108,7 +108,7 @@ def ranked(
     explanations = [chosen, *rivals]
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
-    places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.places))
+    places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.distances))
     kinds = {e.candidate.kind for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
