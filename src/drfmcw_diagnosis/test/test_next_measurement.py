@@ -81,7 +81,7 @@ def separations(comparison, truth, other, *candidates):
 
 
 def test_a_delay_and_an_offset_of_the_reference_are_parted_by_a_tape(recording):
-    """Exactly degenerate: only what does not go through the reference instrument tells them apart."""
+    """Exactly degenerate: only what does not go through the reference instrument separates them."""
     truth = true(recording, 'delay_offset', delay=0.03)
     other = rival(recording, truth, 'reference_offset', offset=-0.005)
     found = ranked(Fitting(recording), truth, [other])
@@ -92,7 +92,7 @@ def test_a_delay_and_an_offset_of_the_reference_are_parted_by_a_tape(recording):
 
 
 def test_air_and_scale_of_the_reference_are_parted_by_a_second_instrument(recording):
-    """Both go with the distance; 15 m is too short to tell, and 1.5 times the longest distance is no other distance."""
+    """Both go with the distance; 15 m is too short, and 1.5 times the longest distance is no other distance."""
     truth = true(recording, 'air_refractivity', offset=20.0)
     other = rival(recording, truth, 'reference_scale', scale=-20.0)
     best = ranked(Fitting(recording), truth, [other])[0]
@@ -236,7 +236,7 @@ def test_without_a_reference_nothing_is_compared_with_it():
     data = read_dataset(DATA / 'recording_0')
     nothing = np.full(len(data), np.nan)
     alone = dataclasses.replace(data, reference=nothing, reference_std=nothing)
-    alone.__dict__['distance'] = data.distance  # what the lines tell, without the time that takes
+    alone.__dict__['distance'] = data.distance  # what the lines would show, without the time that takes
     comparison = Comparison(alone, np.arange(96))
     assert SecondInstrument().view(comparison, 5) is None and DrivePast().view(comparison, 5) is None
     view = Repeated('as before').view(comparison, 5)
@@ -245,7 +245,7 @@ def test_without_a_reference_nothing_is_compared_with_it():
 
 
 def test_one_stations_samples_are_enough():
-    """Station 1 alone takes an error of T_off for a distance; a counter still tells its ADC clock from a delay."""
+    """Station 1 alone takes an error of T_off for a distance; a counter still separates its ADC clock from a delay."""
     data = read_dataset(DATA / 'recording_0')
     comparison = Comparison(dataclasses.replace(data, samples=(data.samples[0], None)))
     truth = true(comparison, 'sample_clock_offset', 'master', deviation=10.0)
@@ -266,7 +266,7 @@ def test_simulated_sweeps_scatter_as_they_are_said_to(recording):
 
 
 def test_a_driving_crane_is_measured_standing():
-    """The drive's own sweeps tell noise and settings; further ones are made at its distances, one group at each."""
+    """The drive's own sweeps give noise and settings; further ones are made at its distances, one group at each."""
     comparison = Comparison(read_dataset(DATA / 'recording_5'))
     made = Repeated('as before').view(comparison, 4).comparison
     assert len(made.members) == 4 and made.standing.all()

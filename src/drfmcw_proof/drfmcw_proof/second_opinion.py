@@ -35,7 +35,7 @@ def apart(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> l
 
 
 def separated(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> list[float | None] | None:
-    """Return by how much the recommended measurement, carried out, parts the truth from each explanation.
+    """Return by how much the recommended measurement, when carried out, separates the truth from each explanation.
 
     As `apart`; None altogether where nothing is recommended, or nothing that the generator can make.
     """

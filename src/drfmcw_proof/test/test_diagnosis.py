@@ -217,8 +217,8 @@ def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
     assert (effect['effect'], effect['station']) == ('sweep_ripple', 'slave')
     for name, expected in truth.parameters.items():
         if name in ('deviation', 'rate'):
-            told = effect['parameters'][name]
-            assert abs(abs(told['value']) - expected) < 4 * told['std']
+            found = effect['parameters'][name]
+            assert abs(abs(found['value']) - expected) < 4 * found['std']
     assert finding['fit']['held_out']['after'] < 1.08 < finding['fit']['held_out']['before']
     assert finding['locations'][0]['level'] == 'if_samples' and finding['locations'][0]['axis'] == 'ramp_time'
     assert (out / 'refined.yaml').exists() and '</html>' in (out / 'report.html').read_text(encoding='utf-8')

@@ -988,7 +988,7 @@ def test_ramp_shapes_recorded_by_another_hand(recording, entries):
     """The IF phase's shape in a recording is that of the effect that the recording conceals, times one.
 
     24 sweeps at each of four distances, both stations; a shape is found to 1 %, mostly by how the analytic signal
-    of a real record bends at its ends; within 4 %. The ripple's phase is not told: two quadratures.
+    of a real record bends at its ends; within 4 %. The ripple's phase is unknown: two quadratures.
     """
     bag = pytest.importorskip('drfmcw_ros.bag.files')
     station = {2: 'master', 6: 'slave'}[recording]

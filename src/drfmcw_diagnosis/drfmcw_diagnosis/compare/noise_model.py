@@ -154,7 +154,7 @@ class NoiseModel:
     def _filter(
         self, station: Station, state: Measurements, effects: Sequence[Effect]
     ) -> Callable[[np.ndarray], np.ndarray]:
-        """Return what tells by how much the filters among `effects` pass frequencies (...) of a station's IF."""
+        """Return a function: by how much the filters among `effects` pass frequencies (...) of a station's IF."""
         filters = [e for e in effects if e.stage == Stage.FILTER and e.applies_to(station.name)]
         if not filters:
             return np.ones_like

@@ -230,7 +230,7 @@ class Predictor:
         """Return where the model has its groups, and what the reference says there (G,) [m]; see `Expected`.
 
         An error of the reference means that the target stands elsewhere. To first order that changes the range alone;
-        but a reflection, told to a part of the carrier's wavelength, follows the true distance.
+        but a reflection follows the true distance, which its phase shows to a part of the carrier's wavelength.
         """
         reading = self._reference(part, effects)
         error = reading - part.steady.range

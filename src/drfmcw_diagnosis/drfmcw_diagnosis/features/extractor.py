@@ -193,10 +193,10 @@ class Extractor:
         n = len(samples[0])
         if noisy:
             estimates, base = self.estimator.with_basebands(samples, full_scale)
-            told = self._noisy(estimates)
+            noise_features = self._noisy(estimates)
         else:
             base = self.estimator.basebands(samples)
-            told = (np.zeros((n, 0)),) * 3
+            noise_features = (np.zeros((n, 0)),) * 3
         self.time = base.time[0]
         log = np.log(np.maximum(np.abs(base.lines), 1e-9))
         level = log.mean(axis=-1)
@@ -239,7 +239,7 @@ class Extractor:
             beat,
             20.0 / np.log(10.0) * level.T + 20.0 * np.log10(self.topology.amplitude_factor),
             delay,
-            *told,
+            *noise_features,
             *of_stations,
         )
 

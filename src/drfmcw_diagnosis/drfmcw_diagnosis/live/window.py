@@ -111,7 +111,7 @@ class Window:
         return self._entries[-1].stamp if self._entries else 0
 
     def unknown(self) -> list[str]:
-        """Return the topics without which nothing can be judged, and that have told nothing yet."""
+        """Return the topics without which nothing can be judged and from which no message has come yet."""
         return self._conditions.unknown(tuple(dict.fromkeys(self.pair)))
 
     def take(self, topic: str, message: Any) -> None:

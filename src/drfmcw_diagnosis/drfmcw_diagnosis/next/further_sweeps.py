@@ -151,8 +151,8 @@ class _Sweeps(Measurement):
         made = supposed(comparison, conditions)
         spread = self.spread(made)
         for kind in comparison.kinds:
-            told = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
-            if not told and (not kind.needs_reference or conditions.referenced):
+            known = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
+            if not known and (not kind.needs_reference or conditions.referenced):
                 spread[made.rows(kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:

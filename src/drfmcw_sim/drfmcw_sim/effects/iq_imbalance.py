@@ -15,7 +15,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class IqImbalance(Effect, name='iq_imbalance', of=Of.STATION):
-    """Error of Q against I turned by 90 degrees, in gain and phase. It makes an image at -f. A real IF does not change."""
+    """Error of Q against I turned by 90 degrees, in gain and phase: an image at -f. A real IF does not change."""
 
     title = 'IQ imbalance'
     acts_on = ActsOn.SAMPLES
