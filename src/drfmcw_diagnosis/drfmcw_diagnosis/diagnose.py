@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.progress import Progress
 
 from .engine import LIMITS, diagnose
 from .finding.report import render_html
@@ -58,7 +59,7 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
         out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task('reading', total=1.0)
         diagnosis = diagnose(
             arguments.recording,

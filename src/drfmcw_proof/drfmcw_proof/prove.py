@@ -19,12 +19,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.processes import Worker, WorkFailed
+from drfmcw_ros.progress import Progress
 from drfmcw_ros.versions import versions
 
 from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
@@ -342,7 +343,7 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
     with Results(out, settings, arguments.force) as results:
         missing = [plan for plan in selected if results.record(plan.name) is None]
         columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        with Progress(*columns, console=console) as bar:
             task = bar.add_task('recordings', total=len(selected), completed=len(selected) - len(missing))
             tries = _Tries(results, bar.console, arguments.keep)
             try:
