@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
         help=f'accepted chance of finding a mismatch where there is none ({LIMITS.false_alarm_rate:g})',
     )  # fmt: skip
     result.add_argument('--without', default='', metavar='EFFECT[,EFFECT]', help='search without these effects')
-    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
+    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='processes (default: all cores)')
     return result
 
 

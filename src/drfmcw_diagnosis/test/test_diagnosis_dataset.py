@@ -401,7 +401,7 @@ def test_what_no_scenario_can_express_is_refused(standing, tmp_path):
     assert not (tmp_path / 'f.yaml').exists()
 
 
-def test_one_line_tells_the_delay(practice):
+def test_one_line_states_the_delay(practice):
     """The distance of one station alone is where its nominal line would be (eqs. 1-4), in both modes and roles."""
     for i in range(2):
         alone = dataclasses.replace(

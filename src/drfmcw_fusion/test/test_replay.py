@@ -270,7 +270,7 @@ def test_one_station_alone_gives_no_range(refused_here):
     assert 'no range could be computed from 336 sweeps' in refused_here(STANDING, '--station', 'master')
 
 
-def test_info_tells_what_is_there():
+def test_info_lists_what_is_there():
     status, out, err = run('info', STANDING, '--json')
     assert (status, err) == (0, '')
     found = json.loads(out)

@@ -59,7 +59,7 @@ def parser() -> argparse.ArgumentParser:
         '--times', type=int, metavar='N', help='a list with N times as many of each kind; each N takes some hours'
     )
     result.add_argument('--groups', metavar='LIST', help=f'only these: {",".join(GROUPS)}')
-    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
+    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='processes (default: all cores)')
     result.add_argument('--seed', type=int, default=1, metavar='S', help='of all random numbers (1)')
     result.add_argument('--force', action='store_true', help='discard results of other settings or another version')
     result.add_argument('--keep', action='store_true', help='keep the recordings after their judgement')

@@ -85,6 +85,6 @@ def test_only_a_limiter_piles_samples_up(seed, amplitude):
     np.testing.assert_array_equal(piled(both), piled(codes[:100]) + piled(codes[100:]))
 
 
-def test_too_little_noise_or_too_few_counts_tell_nothing():
+def test_too_little_noise_or_too_few_counts_show_nothing():
     assert evenness(sampled(5, noise=1.0), 1.0) is None
     assert evenness(sampled(6, count=2000), NOISE) is None

@@ -143,7 +143,7 @@ def test_a_spur_beside_a_line_leaves_the_mean_ramp():
 
 
 @pytest.mark.parametrize('station', ['master', 'slave'])
-def test_coherence_tells_whose_oscillator_is_the_noisier(tmp_path, station):
+def test_coherence_shows_whose_oscillator_is_the_noisier(tmp_path, station):
     """Of two explanations that raise the same skirts by 3 dB only that with the right station fits both lines' noise.
 
     Under it 56 numbers are noise (5 standard deviations: false failure below 1e-6); the other is 10 sigma behind.

@@ -695,7 +695,7 @@ def test_size_of_an_effect_does_not_count_what_is_there_already():
 # --- recordings and seals ---
 
 
-def test_a_seal_tells_tampering(tmp_path):
+def test_a_seal_shows_tampering(tmp_path):
     seal = recordings.seal({'effects': [], 'x': 1.5}, tmp_path / 'truth.json')
     assert seal.sha256 == hashlib.sha256(seal.path.read_bytes()).hexdigest()
     assert recordings.open_seal(seal) == {'effects': [], 'x': 1.5}

@@ -173,7 +173,7 @@ def test_judgement(sealed, said, outcome):
         ),
     ],
 )
-def test_what_the_data_cannot_tell_apart_is_judged_by_the_generator(sealed, said, apart, outcome):
+def test_what_the_data_cannot_separate_is_judged_by_the_generator(sealed, said, apart, outcome):
     assert judge(sealed, said, apart).outcome == outcome
 
 
@@ -208,7 +208,7 @@ def test_second_opinion_takes_findings_as_the_tool_writes_them():
     assert apart(condition, truth(DELAY)['effects'], finding('consistent')) == []
 
 
-def test_pulls_count_errors_in_stated_deviations():
+def test_pulls_count_errors_in_standard_deviations():
     pulls = judge(truth(SPUR), finding('explained', found(SPUR, factor=1.001, std=40.0))).pulls
     assert {p.parameter: p.pull for p in pulls} == pytest.approx({'frequency': 5.0, 'level': -0.002})
 
@@ -373,7 +373,7 @@ def rendered(folder, records, run=RUN):
     return text
 
 
-def test_report_tells_numbers_and_every_failure(tmp_path):
+def test_report_lists_numbers_and_every_failure(tmp_path):
     text = rendered(tmp_path, RECORDS)
     for words in (
         RUN.command,

@@ -940,7 +940,7 @@ def references(effects, trajectory):
     return slots.time, np.array(readings), slots.distance
 
 
-def test_reference_tells_where_the_crane_was():
+def test_reference_shows_where_the_crane_was():
     """R(t - lag): v lag too little at even speed, nothing while it stands, also before the start."""
     drive = {'drive': {'waypoints': [50, 80], 'speed': 2.0, 'acceleration': 1.0, 'dwell': 1.0}}
     time, readings, distance = references([{'effect': 'reference_lag', 'lag': 0.3}], drive)

@@ -94,6 +94,9 @@ class Extractor:
         else:
             calibrated = calibrations[own], calibrations[-1 - own]
             self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, SPECTRUM.blocks)
+        self.time = np.zeros(0)
+        """Of the blocks in the first station's sweep, once sweeps have come [s]."""
+
         window = self.estimator.stations[0].duration
         # standard deviation of the phase in mid-window over that of the frequency [rad/Hz]
         self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)

@@ -71,13 +71,15 @@ class Window:
         self._settings = settings or WindowSettings()
         self.received = 0
         """Records of the pair's sweeps that have come, kept or not."""
-        self._forget_sweeps()
-
-    def _forget_sweeps(self) -> None:
         self._entries: list[_Entry] = []  # by stamp
         self._by_id: dict[int, _Entry] = {}
         self.size = 0
         """Of the samples kept [bytes]."""
+
+        self._burst_start, self._burst_count = 0, 0
+
+    def _forget_sweeps(self) -> None:
+        self._entries, self._by_id, self.size = [], {}, 0
         self._burst_start, self._burst_count = 0, 0
 
     @property
