@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from checkout import practice_recording
 from scipy import special, stats
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 import drfmcw_proof
 from drfmcw_diagnosis.next.ranking import measurements
@@ -576,7 +576,7 @@ def test_line_of_unknown_phase_counts_as_its_best_detector_sees_it(energy):
     rho = math.sqrt(energy)
     x = np.linspace(0.0, rho + 12.0, 20_001)
     gain = np.log(special.i0e(rho * x)) + rho * x - 0.5 * energy
-    divergence = np.trapezoid(stats.rice.pdf(x, rho) * gain, x)
+    divergence = trapezoid(stats.rice.pdf(x, rho) * gain, x)
     c = silent_pair(16)
     for frequency in (2.5e5, 2.505e5, 6.1803e5):
         size = sizes.matched_size(c, [line(c, energy, frequency)])
