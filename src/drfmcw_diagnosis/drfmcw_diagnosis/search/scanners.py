@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
-from scipy import stats
+from scipy import signal, stats
 from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -42,6 +42,7 @@ _DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
 _GROWTH = (2, 8)  # powers of the line by which harmonics relative to it grow: of a compression, of a limiter (about)
 _LOUD = 0.3  # share of sweeps with a loud span, below which faint bursts are tried too
 _FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # their probability, duration [s]
+_ALIKE = 16.0  # squared sum of phasors over the sum of squares, beyond which their phases are alike: by chance 1e-7
 _SUSPICION = 0.05  # p-value of a station's spectrum below which distortions and bursts are tried
 
 Values = Sequence[float | tuple[float, ...]]
@@ -368,7 +369,12 @@ def _faint(c: Comparison, station: int, covered: float) -> float:
     return math.sqrt(1.0 + math.expm1(max(mean, 0.0)) / covered) - 1.0
 
 
-def _lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _free_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies of lines in a station's IF spectrum that do not begin alike in each sweep [Hz]."""
+    return tuple(f for f in _lines(c, residual, station) if not _begins_alike(c, station, f))
+
+
+def _lines(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:
     """Return frequencies of lines in a station's IF spectrum [Hz]."""
     z = residual[c.entries.where(kind='lines', station=station)].reshape(len(c.members), -1)
     width = c.data.sweeps[0][0].sample_rate / 2 / (z.shape[1] - 1)
@@ -386,7 +392,25 @@ def _leaked_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
     """Return the delays of leakage whose lines stand in a station's IF spectrum [ns]."""
     sweep = c.data.sweeps[0][c.heard[station]]
     slowest = _HANN * _sweep_resolution(c)  # slower, it is a constant
-    return tuple(1e9 * f / abs(sweep.chirp_rate) for f in _lines(c, residual, station, recipe) if f > slowest)
+    found = (f for f in _lines(c, residual, station) if f > slowest and _begins_alike(c, station, f))
+    return tuple(1e9 * f / abs(sweep.chirp_rate) for f in found)
+
+
+def _begins_alike(c: Comparison, station: int, frequency: float) -> bool:
+    """Return whether a line has the same phase at the start of each sweep, as one has that the chirp makes.
+
+    Of n phasors of random phase, the squared sum over the sum of squares is exponentially distributed with mean 1.
+    """
+    heard = c.heard[station]
+    samples = c.data.samples[heard]
+    assert samples is not None  # of a station that is heard
+    count, rate = samples.shape[1], c.data.sweeps[0][heard].sample_rate
+    turn = np.exp(-2j * math.pi * frequency / rate * np.arange(count)) * signal.windows.blackmanharris(count)
+    rows = np.concatenate(c.members)
+    parts = np.array([1.0, 1.0j]) if samples.ndim > 2 else 1.0
+    phasors = np.concatenate([(samples[r] * parts).reshape(len(r), count, -1).sum(axis=2) @ turn
+                              for r in np.array_split(rows, -(-len(rows) // 256))])  # fmt: skip
+    return bool(np.abs(phasors.sum()) ** 2 > _ALIKE * np.sum(np.abs(phasors) ** 2))
 
 
 SCANNERS: dict[str, Scanner] = {
@@ -394,7 +418,7 @@ SCANNERS: dict[str, Scanner] = {
     'fringes over distance': Scanner(_reflections),
     'ripple': Scanner(_ripples, resolution=_sweep_resolution),
     'oscillation': Scanner(_oscillations),
-    'narrow line': Scanner(_lines, True, lambda c: _HANN * _sweep_resolution(c)),
+    'narrow line': Scanner(_free_lines, True, lambda c: _HANN * _sweep_resolution(c)),
     'line of the chirp': Scanner(_leaked_lines, True, lambda c: _HANN * _sweep_resolution(c)),
     'harmonics': Scanner(_harmonics, True),
     'even harmonics': Scanner(_even_harmonics),
