@@ -12,7 +12,7 @@ from scenes import mapping, record, scene
 
 from drfmcw_diagnosis.finding.refined import scenario_mapping, write_scenario
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
-from drfmcw_diagnosis.recording.grouping import GROUP
+from drfmcw_diagnosis.recording.limits import GROUPS
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, beat_frequency
 from drfmcw_ros.bag.files import BagReader, BagWriter, typestore
@@ -259,7 +259,7 @@ def test_drive_is_cut_into_groups(tmp_path):
     drive = {'drive': {'waypoints': [100.0, 106.0], 'speed': 2.0, 'acceleration': 1.0, 'dwell': 0.5}}
     scenario = scene(drive, timing={'sweep_interval': 0.05}, reference={'range_std': 0.002})
     dataset = read_dataset(record(scenario, tmp_path / 'r'))
-    assert np.bincount(dataset.group).max() <= GROUP
+    assert np.bincount(dataset.group).max() <= GROUPS.most
     assert dataset.group[-1] >= 4
     assert np.all(np.diff(dataset.group) >= 0)
     distance, true, _ = scenario.pairs[0].trajectory.state(None, dataset.time)

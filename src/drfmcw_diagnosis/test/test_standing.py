@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.engine import diagnose_dataset
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.recording.thinning import MOST_GROUPS, MOST_SWEEPS, representative
+from drfmcw_diagnosis.recording.limits import THINNING
+from drfmcw_diagnosis.recording.thinning import representative
 from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.standing import standings
@@ -45,8 +46,8 @@ def test_a_long_recording_is_thinned_evenly(sizes):
     rows = representative(group)
     counts = np.bincount(group[rows], minlength=len(sizes))
     assert np.all(np.diff(rows) > 0)
-    assert np.count_nonzero(counts) == min(len(sizes), MOST_GROUPS)
-    assert np.all((counts == np.minimum(sizes, MOST_SWEEPS)) | (counts == 0))
+    assert np.count_nonzero(counts) == min(len(sizes), THINNING.groups)
+    assert np.all((counts == np.minimum(sizes, THINNING.sweeps)) | (counts == 0))
     assert {0, len(sizes) - 1} <= set(group[rows])
 
 

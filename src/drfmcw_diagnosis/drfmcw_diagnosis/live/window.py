@@ -12,7 +12,8 @@ from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.settings import parameter
 
 from ..recording.conditions import Conditions
-from ..recording.dataset import PAIRING, Dataset, assembled
+from ..recording.dataset import Dataset, assembled
+from ..recording.limits import GROUPS
 from .limits import WINDOW
 
 
@@ -136,7 +137,7 @@ class Window:
             self._forget_sweeps()
             self._conditions.keep(0, sweep.stamp + WINDOW.margin)
         entry = self._by_id.get(sweep.sweep_id)
-        if entry is None or abs(entry.stamp - sweep.stamp) > PAIRING:  # the latter: numbers have begun again
+        if entry is None or abs(entry.stamp - sweep.stamp) > GROUPS.pairing:  # the latter: numbers have begun again
             if not self._in_burst(sweep.stamp) or (entry is not None and entry.stamp > sweep.stamp):
                 return
             if entry is not None:
@@ -187,6 +188,6 @@ class Window:
     def snapshot(self) -> Snapshot:
         """Return what is kept, without sweeps whose partner may still come; valid until the next message."""
         heard = len(self.heard)
-        settled = [e for e in self._entries if len(e.records) == heard or e.stamp < self.newest - PAIRING]
+        settled = [e for e in self._entries if len(e.records) == heard or e.stamp < self.newest - GROUPS.pairing]
         sweeps = [record for e in settled for record in e.records.values()]
         return Snapshot(self.pair, sweeps, self._conditions)

@@ -28,11 +28,8 @@ from drfmcw_sim.nominal import link_budget, nominal_measurements
 
 from .conditions import WEATHER, Conditions
 from .grouping import groups, slopes
-from .limits import LINES
+from .limits import GROUPS, LINES
 from .topology import Topology
-
-PAIRING = 1_000_000_000
-"""Largest difference of both stations' stamps of one sweep [ns]."""
 
 _LINE = ('frequency', 'frequency_std', 'phase', 'power')  # fields of Beat and of Lines
 
@@ -133,7 +130,7 @@ class Dataset:
         """Number of the group of consecutive sweeps that share settings and conditions, (n,).
 
         A new one begins with new settings, after a pause, where the distance jumps, and every minute. Sweeps of a
-        driving crane are taken together by `GROUP` at most, by fewer where it accelerates.
+        driving crane are taken together by `GROUPS.most` at most, by fewer where it accelerates.
         """
         std = self.reference_std
         if not np.isfinite(self.reference).all():
@@ -386,7 +383,7 @@ def _matched(
     for sweep in first:
         same = partners.get(sweep.sweep_id, [])  # several where numbers begin again
         nearest_one = min(same, key=lambda other: abs(other.stamp - sweep.stamp), default=None)
-        if nearest_one is not None and abs(nearest_one.stamp - sweep.stamp) <= PAIRING:
+        if nearest_one is not None and abs(nearest_one.stamp - sweep.stamp) <= GROUPS.pairing:
             matched.append((sweep, nearest_one))
     alone = len(first) + len(second) - 2 * len(matched)
     if not matched:

@@ -4,9 +4,6 @@ import numpy as np
 
 from .limits import GROUPS
 
-GROUP = 24
-"""Largest number of sweeps of a driving crane that are taken together."""
-
 
 def groups(setting: np.ndarray, time: np.ndarray, distance: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Return the number of each sweep's group, (n,); arguments (n,), `std` of the distances."""
@@ -18,10 +15,10 @@ def groups(setting: np.ndarray, time: np.ndarray, distance: np.ndarray, std: np.
     group = np.empty(len(time), int)
     number = 0
     for run in np.split(np.arange(len(time)), np.flatnonzero(new) + 1):
-        parts = min(int((time[run[-1]] - time[run[0]]) / GROUPS.steady) + 1, max(len(run) // GROUP, 1))
+        parts = min(int((time[run[-1]] - time[run[0]]) / GROUPS.steady) + 1, max(len(run) // GROUPS.most, 1))
         drives = np.ptp(distance[run]) > still
         if drives:
-            parts = max(parts, -(-len(run) // GROUP))
+            parts = max(parts, -(-len(run) // GROUPS.most))
         for part in np.array_split(run, parts):
             for piece in _steady(part, time, distance, noise) if drives else [part]:
                 group[piece] = number

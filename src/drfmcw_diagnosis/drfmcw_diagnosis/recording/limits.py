@@ -25,6 +25,12 @@ class GroupLimits:
     smallest: int = 6
     """Sweeps of a driving crane's group that is not cut further; chosen."""
 
+    most: int = 24
+    """Sweeps of a driving crane that are taken together, at most; chosen."""
+
+    pairing: int = 1_000_000_000
+    """Difference of both stations' stamps of one sweep, at most [ns]; chosen."""
+
     steady: float = 60.0
     """Time in which weather and temperatures count as steady [s]; chosen."""
 
@@ -43,5 +49,17 @@ class LineLimits:
     """Sweeps estimated at once, which bounds the memory; chosen."""
 
 
+@dataclasses.dataclass(frozen=True)
+class ThinningLimits:
+    """How much of a long recording is compared."""
+
+    groups: int = 40
+    """Groups, at most; chosen: the search takes a minute with so many."""
+
+    sweeps: int = 48
+    """Sweeps of a group, at most; chosen: noise then still hides the errors of the forward models."""
+
+
 GROUPS = GroupLimits()
 LINES = LineLimits()
+THINNING = ThinningLimits()

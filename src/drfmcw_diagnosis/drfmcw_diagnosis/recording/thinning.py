@@ -2,11 +2,7 @@
 
 import numpy as np
 
-MOST_GROUPS = 40
-"""Groups that are compared; chosen: the search takes a minute with so many."""
-
-MOST_SWEEPS = 48
-"""Sweeps of a group that are compared; chosen: noise then still hides the errors of the forward models."""
+from .limits import THINNING
 
 
 def representative(group: np.ndarray) -> np.ndarray:
@@ -16,9 +12,9 @@ def representative(group: np.ndarray) -> np.ndarray:
         group: number of each sweep's group (n,), see `Dataset.group`.
     """
     numbers = np.unique(group)
-    kept = numbers[_spread(len(numbers), MOST_GROUPS)]
+    kept = numbers[_spread(len(numbers), THINNING.groups)]
     rows = (np.flatnonzero(group == number) for number in kept)
-    return np.concatenate([r[_spread(len(r), MOST_SWEEPS)] for r in rows])
+    return np.concatenate([r[_spread(len(r), THINNING.sweeps)] for r in rows])
 
 
 def _spread(count: int, most: int) -> np.ndarray:

@@ -7,6 +7,9 @@ import dataclasses
 class FitLimits:
     """How parameters are fitted."""
 
+    unfelt: float = 1e-9
+    """Eigenvalue of a common model error [variances], below which it changes nothing; chosen."""
+
     flat: float = 1e-30
     """Curvature of a misfit that a parameter does not change [1]; chosen."""
 
@@ -47,6 +50,9 @@ class SearchLimits:
 
     steps_to_size: int = 4
     """The same where a template cannot simply be scaled; chosen."""
+
+    rival: float = 16.0
+    """Squared distance below which two explanations are one answer (4 sigma) [1]; chosen."""
 
     off: float = 0.01
     """Relative systematic error of a forward model; chosen."""
@@ -104,6 +110,9 @@ class SelectionLimits:
     better: float = 3.0
     """Log evidence by which an exchange must be better to be made; chosen."""
 
+    most: int = 6
+    """Effects in one explanation; chosen."""
+
     exchanged: int = 3
     """Times at most; chosen."""
 
@@ -125,7 +134,71 @@ class RivalLimits:
     """Explanations with several effects exchanged that are fitted; chosen."""
 
 
+@dataclasses.dataclass(frozen=True)
+class ScanLimits:
+    """Where scanners look."""
+
+    hann: float = 2.0
+    """Resolution cells that a Hann window's line is wide, half of it [1]; derived."""
+
+    fine: int = 8
+    """Transform bins per resolution cell [1]; chosen."""
+
+    peaks: int = 3
+    """Starting points of each effect [1]; chosen."""
+
+    slowest_ripple: float = 2.0
+    """Periods within the sweep [1]: each sweep's frequency takes out slower ripples; chosen."""
+
+    fastest_sway: float = 5.0
+    """Frequency of sway, at most [Hz]; chosen."""
+
+    sway_cells: int = 2048
+    """Resolution cells of sway, at most [1]; chosen."""
+
+    aliases: int = 512
+    """Frequencies of sway whose maxima are refined [1]; chosen."""
+
+    top: int = 17
+    """Points around each of them [1]; chosen."""
+
+    faint_bursts: tuple[tuple[float, float], ...] = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))
+    """Probability [1] and duration [s] of faint bursts that are tried; chosen."""
+
+    faint: float = 12.0
+    """Gain below which no sway is tried [1]; chosen."""
+
+    reflections: int = 32
+    """Starting points of a reflection [1]: the fringes of different heights resemble each other; chosen."""
+
+    longest: float = 500.0
+    """Excess range of an echo, at most [m]; chosen."""
+
+    above_limit: tuple[float, ...] = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)
+    """Limits that are tried where samples pile up, relative to these [dB]; chosen."""
+
+    level_step: float = 2.0
+    """Between limits that are tried [dB]; chosen."""
+
+    deepest: float = 20.0
+    """Below the strongest line, of limits that are tried [dB]; chosen."""
+
+    growth: tuple[int, ...] = (2, 8)
+    """Powers of the line by which relative harmonics grow [1]: of a compression, of a limiter (about); derived."""
+
+    loud: float = 0.3
+    """Share of sweeps with a loud span [1], below which faint bursts are tried too; chosen."""
+
+    alike: float = 16.0
+    """Squared sum of phasors over the sum of squares [1], beyond which their phases are alike; derived: 1e-7 by
+    chance."""
+
+    suspicion: float = 0.05
+    """p-value of a station's spectrum [1], below which distortions and bursts are tried; chosen."""
+
+
 FIT = FitLimits()
 SEARCH = SearchLimits()
+SCAN = ScanLimits()
 SELECTION = SelectionLimits()
 RIVALS = RivalLimits()

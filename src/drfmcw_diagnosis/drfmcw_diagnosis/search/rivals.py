@@ -7,8 +7,8 @@ import numpy as np
 
 from .bank import Candidate
 from .fitting import Fitted, FittedEffect
-from .limits import RIVALS
-from .search import RIVAL, Search
+from .limits import RIVALS, SEARCH
+from .search import Search
 
 
 def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
@@ -24,7 +24,7 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
     """
 
     def is_near(other: Fitted) -> bool:
-        alike = other.misfit - fitted.misfit < RIVAL and other.evidence > fitted.evidence - RIVALS.worse
+        alike = other.misfit - fitted.misfit < SEARCH.rival and other.evidence > fitted.evidence - RIVALS.worse
         # what fits as well by the noise elsewhere explains something else
         return alike and search.apart(other, fitted) < RIVALS.says_the_same
 

@@ -21,29 +21,11 @@ from drfmcw_sim.effects import Recipe
 
 from ..compare.comparison import Comparison
 from ..features.limits import SPECTRUM
+from .limits import SCAN
 
-_HANN = 2.0  # resolution cells that a Hann window's line is wide, half of it
-_FINE = 8  # transform bins per resolution cell
-_PEAKS = 3  # starting points of each effect
 _DECIBEL = 20.0 / math.log(10.0)  # of one neper
 _PRODUCTS = np.concatenate([np.arange(0.25, 100.0, 0.1), np.geomspace(100.0, 1000.0, 1000)])  # of two heights [m^2]
-_SLOWEST_RIPPLE = 2.0  # periods within the sweep: slower ones are taken out with each sweep's frequency
-_FASTEST_SWAY = 5.0  # [Hz]
-_SWAY_CELLS = 2048  # at most
-_ALIASES = 512  # frequencies of sway whose maxima are refined
-_TOP = 17  # points around each of them
-_FAINT = 12.0  # gain below which no sway is tried
-_REFLECTIONS = 32  # starting points of a reflection: the fringes of different heights resemble each other
-_LONGEST = 500.0  # echo [m]
 
-_ABOVE_LIMIT = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)  # of limits that are tried where samples pile up [dB]
-_LEVEL_STEP = 2.0  # between limits that are tried [dB]
-_DEEPEST = 20.0  # below the strongest line, of limits that are tried [dB]
-_GROWTH = (2, 8)  # powers of the line by which harmonics relative to it grow: of a compression, of a limiter (about)
-_LOUD = 0.3  # share of sweeps with a loud span, below which faint bursts are tried too
-_FAINT_BURSTS = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))  # their probability, duration [s]
-_ALIKE = 16.0  # squared sum of phasors over the sum of squares, beyond which their phases are alike: by chance 1e-7
-_SUSPICION = 0.05  # p-value of a station's spectrum below which distortions and bursts are tried
 
 Values = Sequence[float | tuple[float, ...]]
 """Values of a scanned parameter, or of several parameters together, best first."""
@@ -93,7 +75,7 @@ def _scanner(name: str) -> Scanner:
     return SCANNERS[name]
 
 
-def _peaks(score: np.ndarray, count: int = _PEAKS, apart: int = _FINE // 2) -> list[int]:
+def _peaks(score: np.ndarray, count: int = SCAN.peaks, apart: int = SCAN.fine // 2) -> list[int]:
     """Return the indices of the largest local maxima, best first."""
     high = np.flatnonzero((score == maximum_filter1d(score, 2 * apart + 1)) & (score > 0.0))
     return [int(k) for k in high[np.argsort(score[high])[::-1][:count]]]
@@ -132,7 +114,7 @@ def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors
     z = residual[c.entries.where(kind='ramp')].reshape(groups, channels, count) / c.std.ramp
     weight = 1.0 / c.std.ramp**2
     step = float(c.time[1] - c.time[0])
-    frequency = np.fft.rfftfreq(_FINE * count, step)[1:]
+    frequency = np.fft.rfftfreq(SCAN.fine * count, step)[1:]
     turn = 2.0 * math.pi * frequency[:, None] * step * (np.arange(count) - (count - 1) / 2.0)
     basis = scipy.fft.dct(np.cos(turn), norm='ortho') + 1j * scipy.fft.dct(np.sin(turn), norm='ortho')
     if synthesiser:
@@ -172,7 +154,7 @@ def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     z = residual[c.entries.where(kind='lines')].reshape(len(c.members), -1, c.measured.lines.shape[-1])
     bins = z.shape[-1]
     width = c.data.sweeps[0][0].sample_rate / 2 / (bins - 1)
-    distance = np.arange(SPECTRUM.line, min(bins - 1, int(_LONGEST * _per_metre(c) / width)))
+    distance = np.arange(SPECTRUM.line, min(bins - 1, int(SCAN.longest * _per_metre(c) / width)))
     score = np.zeros(len(distance))
     for group, sweeps in zip(z, c.sweeps, strict=True):
         for spectrum, line in zip(group, sweeps.line.mean(axis=0) / width, strict=True):
@@ -197,14 +179,14 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
     gained = correlation.sum(axis=1) + _DECIBEL * turn.real @ level.sum(axis=1)
     spent = power.sum(axis=1) + _DECIBEL**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
-    return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), _REFLECTIONS))
+    return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections))
 
 
 def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
     """Return frequencies of a synthesiser's ripple over the sweep [Hz]."""
     phasors = _phasors(c, residual, True)
     duration = float(c.time[-1] - c.time[0])
-    gain = np.where(phasors.frequency * duration < _SLOWEST_RIPPLE, 0.0, phasors.gain())
+    gain = np.where(phasors.frequency * duration < SCAN.slowest_ripple, 0.0, phasors.gain())
     return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
 
 
@@ -218,8 +200,8 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
         return ()
     rows, group, weight, z = rows[used], group[used], weight[used], residual[chosen][used]
     time = c.data.time[rows]
-    step = max(0.25 / max(np.ptp(time), 1.0), _FASTEST_SWAY / (_FINE * _SWAY_CELLS))
-    frequency = np.arange(1, int(_FASTEST_SWAY / step)) * step
+    step = max(0.25 / max(np.ptp(time), 1.0), SCAN.fastest_sway / (SCAN.fine * SCAN.sway_cells))
+    frequency = np.arange(1, int(SCAN.fastest_sway / step)) * step
 
     def score(frequency: np.ndarray) -> np.ndarray:
         wave = np.exp(2j * math.pi * frequency[:, None] * time)
@@ -231,18 +213,20 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
         return (ii * a * a - 2.0 * ri * a * b + rr * b * b) / np.maximum(rr * ii - ri * ri, 1e-30)
 
     coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
-    if coarse.max() < _FAINT:
+    if coarse.max() < SCAN.faint:
         return ()
     # with pauses between groups many frequencies fit nearly as well: compare them at their exact maxima
-    fine = np.concatenate([frequency[k] + step * np.linspace(-1.0, 1.0, _TOP) for k in _peaks(coarse, _ALIASES, 1)])
-    fine, best = fine.reshape(-1, _TOP), score(fine).reshape(-1, _TOP)
-    row, at = np.arange(len(best)), best.argmax(axis=1).clip(1, _TOP - 2)
+    fine = np.concatenate(
+        [frequency[k] + step * np.linspace(-1.0, 1.0, SCAN.top) for k in _peaks(coarse, SCAN.aliases, 1)]
+    )
+    fine, best = fine.reshape(-1, SCAN.top), score(fine).reshape(-1, SCAN.top)
+    row, at = np.arange(len(best)), best.argmax(axis=1).clip(1, SCAN.top - 2)
     left, middle, right = (best[row, at + i] for i in (-1, 0, 1))
     bend = np.minimum(left - 2.0 * middle + right, -1e-30)
     offset = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
     height = middle - 0.25 * (left - right) * offset
     peaks = fine[row, at] + offset * (fine[0, 1] - fine[0, 0])
-    return tuple(float(f) for f in peaks[np.argsort(height)[::-1][:_PEAKS]])
+    return tuple(float(f) for f in peaks[np.argsort(height)[::-1][: SCAN.peaks]])
 
 
 def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
@@ -254,7 +238,7 @@ def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
         share = 1.9 if kind == 'lines' else 1.0  # neighbouring bins of a Hann window share their noise
         chances.append(stats.chi2.sf(z @ z / share, used / share) if used else 1.0)
     chances += _third_harmonic(c, residual, station)
-    return bool(len(chances) * min(chances) <= _SUSPICION)
+    return bool(len(chances) * min(chances) <= SCAN.suspicion)
 
 
 def _harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
@@ -274,7 +258,7 @@ def _even_harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: R
         line = 10.0 ** (c.measured.amplitude[:, i] / 20.0) / full_scale
         unit = np.where(z != 0.0, 0.5 * line / c.std.harmonic[:, i, order], 0.0)
         overlap, power = overlap + float(unit @ z), power + float(unit @ unit)
-    if power == 0.0 or 2.0 * stats.norm.sf(abs(overlap) / math.sqrt(power)) > _SUSPICION:
+    if power == 0.0 or 2.0 * stats.norm.sf(abs(overlap) / math.sqrt(power)) > SCAN.suspicion:
         return ()
     return (overlap / power,)
 
@@ -285,7 +269,7 @@ def _limits(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
         return ()
     full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
     strongest = float(c.measured.amplitude[:, station].max()) - full_scale
-    return (*_limit(c, station, full_scale), *np.arange(strongest, strongest - _DEEPEST, -_LEVEL_STEP).tolist())
+    return (*_limit(c, station, full_scale), *np.arange(strongest, strongest - SCAN.deepest, -SCAN.level_step).tolist())
 
 
 def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
@@ -300,7 +284,7 @@ def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
     samples = c.data.samples[c.heard[station]]
     assert samples is not None  # of a station that is heard
     limit = 20.0 * math.log10(np.abs(samples[c.members[most]].astype(int)).max()) - full_scale
-    return tuple(limit + above for above in _ABOVE_LIMIT)
+    return tuple(limit + above for above in SCAN.above_limit)
 
 
 def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
@@ -309,7 +293,7 @@ def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[f
     z = residual[c.entries.where(kind='harmonic', station=station)].reshape(groups, -1)[:, SPECTRUM.harmonics.index(3)]
     line = 10.0 ** ((c.measured.amplitude[:, station] - c.measured.amplitude[:, station].max()) / 20.0)
     chances = []
-    for power in _GROWTH:
+    for power in SCAN.growth:
         expected = np.where(z != 0.0, line**power / c.std.harmonic[:, station, SPECTRUM.harmonics.index(3)], 0.0)
         if expected.any():
             chances.append(float(2.0 * stats.norm.sf(abs(expected @ z) / np.linalg.norm(expected))))
@@ -322,7 +306,7 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
     The sweeps with loud spans suggest them; none where the power is spread evenly.
     """
     z = residual[c.entries.where(kind='burst', station=station)]
-    if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > _SUSPICION:
+    if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > SCAN.suspicion:
         return []
     shares, levels, lengths, steady = [], [], [], []
     for features in c.sweeps:
@@ -348,8 +332,8 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
             (min(share * more, 1.0), level(power) + higher, duration)
             for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
         ]
-    if share < _LOUD:
-        for probability, duration in _FAINT_BURSTS:
+    if share < SCAN.loud:
+        for probability, duration in SCAN.faint_bursts:
             ratio = _faint(c, station, probability * duration / sweep.ramp_duration)
             if ratio > 0.0:
                 found.append((probability, level(ratio * float(np.mean(steady))), duration))
@@ -391,7 +375,7 @@ def _lines(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ..
 def _leaked_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
     """Return the delays of leakage whose lines stand in a station's IF spectrum [ns]."""
     sweep = c.data.sweeps[0][c.heard[station]]
-    slowest = _HANN * _sweep_resolution(c)  # slower, it is a constant
+    slowest = SCAN.hann * _sweep_resolution(c)  # slower, it is a constant
     found = (f for f in _lines(c, residual, station) if f > slowest and _begins_alike(c, station, f))
     return tuple(1e9 * f / abs(sweep.chirp_rate) for f in found)
 
@@ -410,7 +394,7 @@ def _begins_alike(c: Comparison, station: int, frequency: float) -> bool:
     parts = np.array([1.0, 1.0j]) if samples.ndim > 2 else 1.0
     phasors = np.concatenate([(samples[r] * parts).reshape(len(r), count, -1).sum(axis=2) @ turn
                               for r in np.array_split(rows, -(-len(rows) // 256))])  # fmt: skip
-    return bool(np.abs(phasors.sum()) ** 2 > _ALIKE * np.sum(np.abs(phasors) ** 2))
+    return bool(np.abs(phasors.sum()) ** 2 > SCAN.alike * np.sum(np.abs(phasors) ** 2))
 
 
 SCANNERS: dict[str, Scanner] = {
@@ -418,8 +402,8 @@ SCANNERS: dict[str, Scanner] = {
     'fringes over distance': Scanner(_reflections),
     'ripple': Scanner(_ripples, resolution=_sweep_resolution),
     'oscillation': Scanner(_oscillations),
-    'narrow line': Scanner(_free_lines, True, lambda c: _HANN * _sweep_resolution(c)),
-    'line of the chirp': Scanner(_leaked_lines, True, lambda c: _HANN * _sweep_resolution(c)),
+    'narrow line': Scanner(_free_lines, True, lambda c: SCAN.hann * _sweep_resolution(c)),
+    'line of the chirp': Scanner(_leaked_lines, True, lambda c: SCAN.hann * _sweep_resolution(c)),
     'harmonics': Scanner(_harmonics, True),
     'even harmonics': Scanner(_even_harmonics),
     'limit': Scanner(_limits, True),

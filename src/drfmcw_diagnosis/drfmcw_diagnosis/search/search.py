@@ -17,9 +17,6 @@ from .fitting import Fitted, FittedEffect, Fitting, Freedom
 from .limits import SEARCH
 from .scanners import resolution, starting_points
 
-RIVAL = 16.0
-"""Squared distance below which two explanations are one answer (4 sigma)."""
-
 
 class Search(Fitting):
     """Searches the bank with one comparison; keeps the templates of the bank."""
@@ -323,7 +320,7 @@ class Search(Fitting):
 
             def refined(point: tuple, base: list = base, goal: float = goal) -> Fitted | None:
                 begun = self.fit([*base, point], SEARCH.first_steps)
-                if begun.misfit - fitted.misfit > max(SEARCH.far * RIVAL, SEARCH.behind * goal):
+                if begun.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal):
                     return None
                 return self.fit([(e.candidate, e.values) for e in begun.effects])
 

@@ -7,9 +7,6 @@ from .leftovers import leftovers
 from .limits import SELECTION
 from .search import Search
 
-MOST_EFFECTS = 6
-"""Effects in one explanation."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Found:
@@ -37,7 +34,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
-        if len(current.effects) == MOST_EFFECTS and leftovers(search, current)[0].probability < false_alarm_rate:
+        if len(current.effects) == SELECTION.most and leftovers(search, current)[0].probability < false_alarm_rate:
             break  # one exchange more or less makes no explanation of it
         search.report('rivals', 0.9)
         exchanged = search.exchanges(current)
@@ -79,7 +76,7 @@ def forward(
     """
     significance = 1.0
     rounds: list[list[Fitted]] = []
-    while current is None or len(current.effects) < MOST_EFFECTS:
+    while current is None or len(current.effects) < SELECTION.most:
         if current is not None:
             search.trust(current)
             current = search.again(current)

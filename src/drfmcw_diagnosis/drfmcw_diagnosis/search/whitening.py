@@ -8,7 +8,7 @@ directions times their priors (k, n), the covariance of the whitened residuals i
 
 import numpy as np
 
-_SMALLEST = 1e-9  # eigenvalue, in squared standard deviations, of a direction that changes nothing
+from .limits import FIT
 
 
 class Whitening:
@@ -27,7 +27,7 @@ class Whitening:
         if directions is not None and len(directions):
             common = directions * weight
             values, vectors = np.linalg.eigh(common @ common.T)
-            used = values > _SMALLEST
+            used = values > FIT.unfelt
             self._vectors = (vectors[:, used] / np.sqrt(values[used])).T @ common
             self._shrunk = 1.0 - 1.0 / np.sqrt(1.0 + values[used])
 
