@@ -17,11 +17,12 @@ from drfmcw_physics.settings import ConfigurationError
 
 from .. import qos
 from ..cli import Parser, guarded, split_ros_arguments
-from ..diagnostics import WARN, Diagnostics, Status
+from ..diagnostics import ERROR, WARN, Diagnostics, Status
 from ..messages import message_class
 from ..runner import Finished, run
 from ..topics import is_latched, is_measured
-from .files import STORAGES, BagWriter, typestore
+from .background import BackgroundWriter, State
+from .files import STORAGES, BagWriter, UnwritableError, typestore
 
 _LOOK_PERIOD = 0.2  # how often new topics are looked for [s]
 
@@ -48,8 +49,11 @@ class RecorderNode(Node):
         """
         super().__init__('recorder', **kwargs)
         self._settings = settings
-        self._writer = BagWriter(path, settings.storage, settings.overwrite)
+        self.path = path
+        self._writer = BackgroundWriter(BagWriter(path, settings.storage, settings.overwrite, from_the_start=True))
         self._completed = False
+        self._trouble = ''  # as last logged
+        self._lost_reported = 0
         self._counts: collections.Counter[str] = collections.Counter()
         self._known: set[str] = set()
         self._ignored: set[str] = set()
@@ -86,23 +90,51 @@ class RecorderNode(Node):
     def _write(self, topic: str, kind: str, messages: list[bytes]) -> None:
         now = time.time_ns()
         for raw in messages:
-            self._writer.write(topic, kind, now, raw)
+            self._writer.put(topic, kind, now, raw)
         self._counts[topic] += len(messages)
 
     def _diagnose(self, status: Status) -> None:
+        state = self._writer.state()
         if not self._known:
             status.report(WARN, 'nobody publishes what is to be recorded')
-        status.value('recording', self._writer.path)
+        if state.trouble:
+            status.report(ERROR, f'cannot write: {state.trouble}')
+        elif state.slow:
+            status.report(WARN, f'the disk is slow: nothing written for {state.delay:.1f} s')
+        if state.lost > self._lost_reported:
+            status.report(ERROR, f'{state.lost - self._lost_reported} messages lost: memory is full')
+        self._log(state)
+        self._lost_reported = state.lost
+        status.value('recording', self.path)
+        status.value('messages written', state.written)
+        status.value('messages lost', state.lost)
+        status.value('bytes waiting', state.waiting)
         for topic in sorted(self._known):
             status.value(topic, self._counts[topic])
+
+    def _log(self, state: State) -> None:
+        """Log when writing becomes impossible or possible, and while messages are lost."""
+        log = self.get_logger()
+        if state.trouble and not self._trouble:
+            log.error(f'cannot write: {state.trouble}; what is written stays, the rest waits in memory')
+        if self._trouble and not state.trouble:
+            log.info(f'writing again; {state.lost} messages lost so far')
+        if state.lost > self._lost_reported:
+            log.error(f'{state.lost} messages lost so far: memory is full', throttle_duration_sec=10.0)
+        self._trouble = state.trouble
 
     def destroy_node(self) -> None:
         """Complete the recording, whatever ended the process."""
         if not self._completed:
             self._completed = True
-            writer = self._writer
-            writer.close()
-            print(f'{writer.path}: {writer.message_count} messages on {len(self._known)} topics', flush=True)
+            try:
+                lost = self._writer.close()
+            except UnwritableError as error:
+                print(f'drfmcw record: {error}; what was written before can be read, and repaired', file=sys.stderr)
+            else:
+                count = sum(self._counts.values()) - lost
+                said = f'{self.path}: {count} messages on {len(self._known)} topics'
+                print(said + (f', {lost} lost' if lost else ''), flush=True)
         super().destroy_node()
 
 
