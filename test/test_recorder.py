@@ -68,6 +68,10 @@ class Talker:
         """Whether the recorder's diagnostics have said something."""
         return any(text in status.message for status in list(self.diagnostics) if 'recorder' in status.name)
 
+    def newest(self):
+        """What the recorder's diagnostics say now."""
+        return next(s.message for s in reversed(list(self.diagnostics)) if 'recorder: Recording' in s.name)
+
     def close(self):
         self._executor.shutdown()
         self._thread.join(5.0)
@@ -123,25 +127,45 @@ def recorded_times(path):
 def test_killed_at_any_moment_it_loses_at_most_a_second(environment, talker, tmp_path, storage):
     """SIGKILL at four seeded moments: every message older than 1 s at that moment is in the recording, in order."""
     rng = random.Random(11)
-    for attempt in range(4):
-        path = tmp_path / f'run{attempt}'
-        for sent in talker.sent.values():
-            sent.clear()
-        with recorder(environment, path, '--topic', FAST, '--topic', SLOW, '--storage', storage) as process:
-            wait_until(lambda: len(talker.sent[SLOW]) > 1)
-            time.sleep(rng.uniform(1.0, 3.0))
+    paths = [tmp_path / f'run{attempt}' for attempt in range(4)]
+    with contextlib.ExitStack() as stack:
+        options = ('--topic', FAST, '--topic', SLOW, '--storage', storage)
+        processes = [stack.enter_context(recorder(environment, path, *options)) for path in paths]
+        wait_until(lambda: all((path / 'metadata.yaml').exists() for path in paths))
+        wait_until(lambda: talker.node.count_subscribers(SLOW) == 4 == talker.node.count_subscribers(FAST))
+        for path, process in zip(paths, processes, strict=True):
+            time.sleep(rng.uniform(1.2, 3.0))
             killed = time.time_ns()
             process.send_signal(signal.SIGKILL)
             process.wait()
-        assert (path / 'metadata.yaml').exists()
-        assert (path / f'run{attempt}_0.{dict(mcap="mcap", sqlite3="db3")[storage]}').exists()
-        recorded = recorded_times(path)
-        for topic, times in recorded.items():
-            due = [t for t in talker.sent[topic] if t < killed - 1_000_000_000]
-            first = due.index(times[0])  # those before were sent while the recorder's subscription was being matched
-            assert times[: len(due) - first] == due[first:], topic
-            assert first <= 20
-        wait_until(lambda: talker.node.count_subscribers(FAST) == 0, 40.0)
+            recorded = recorded_times(path)
+            for topic, times in recorded.items():
+                due = [t for t in talker.sent[topic] if t < killed - 1_000_000_000]
+                first = due.index(times[0])  # those before were sent while the subscription was being matched
+                assert times[: len(due) - first] == due[first:], topic
+            assert len(recorded[FAST]) > 20
+            suffix = {'mcap': 'mcap', 'sqlite3': 'db3'}[storage]
+            assert (path / f'{path.name}_0.{suffix}').exists()
+
+
+def test_recorder_that_died_goes_on_in_a_further_file(environment, talker, tmp_path):
+    """With --resume: one recording of both files, as rosbag2 splits them; a complete one is not added to."""
+    path = tmp_path / 'run'
+    for end in (signal.SIGKILL, signal.SIGINT):
+        before = len(recorded_times(path)[FAST]) if path.exists() else 0
+        with recorder(environment, path, '--topic', FAST, '--resume') as process:
+            wait_until(lambda before=before: path.exists() and len(recorded_times(path)[FAST]) > before + 100)
+            process.send_signal(end)
+            process.wait(20.0)
+    assert sorted(p.name for p in path.iterdir()) == ['metadata.yaml', 'run_0.mcap', 'run_1.mcap']
+    with BagReader(path) as bag:
+        assert len(bag.unfinished) == 1
+        times = recorded_times(path)[FAST]
+        assert bag.message_count == len(times)
+    assert times == sorted(times)
+    with recorder(environment, path, '--resume') as process:
+        assert process.wait(20.0) == 2
+        assert 'is complete' in process.stderr.read()
 
 
 def test_full_disk_is_reported_and_survived(environment, talker, tmp_path):
@@ -158,6 +182,7 @@ def test_full_disk_is_reported_and_survived(environment, talker, tmp_path):
         assert process.poll() is None
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         wait_until(lambda: (path / 'run_0.mcap').stat().st_size > limit)
+        wait_until(lambda: 'cannot write' not in talker.newest())
         process.send_signal(signal.SIGINT)
         assert process.wait(20.0) == 0
         said = process.stderr.read()

@@ -36,21 +36,28 @@ def qos_text(profiles: Sequence[Qos]) -> str:
     return str(yaml.safe_dump(dump_qos_v9(list(profiles)), sort_keys=False)).strip()
 
 
-def compose(
-    storage: str, file: str, topics: Sequence[Topic], span: tuple[int, int] | None, recording: bool = False
-) -> dict[str, Any]:
+@dataclasses.dataclass(frozen=True)
+class ListedFile:
+    """A storage file as metadata.yaml lists it."""
+
+    name: str
+    topics: list[Topic]
+    span: tuple[int, int] | None  # times of first and last message [ns], None without a message
+
+
+def compose(storage: str, files: Sequence[ListedFile], recording: bool = False) -> dict[str, Any]:
     """Return the content of metadata.yaml.
 
     Args:
         storage: 'mcap' or 'sqlite3'.
-        file: name of the storage file.
-        topics: as it holds them.
-        span: times of first and last message [ns], None without a message.
-        recording: the file is still being written; numbers of messages are not known.
+        files: of the recording, in their order.
+        recording: the last one is still being written; the numbers of its messages are not known.
     """
-    first, last = span or (0, 0)
-    count = sum(topic.count for topic in topics)
-    when = {'starting_time': {'nanoseconds_since_epoch': first}, 'duration': {'nanoseconds': last - first}}
+    counts: dict[str, int] = {}
+    topics: dict[str, Topic] = {}
+    for topic in (topic for file in files for topic in file.topics):
+        counts[topic.name] = counts.get(topic.name, 0) + topic.count
+        topics[topic.name] = topic
     listed = [
         {
             'topic_metadata': {
@@ -60,23 +67,33 @@ def compose(
                 'offered_qos_profiles': yaml.safe_load(topic.qos) or [],
                 'type_description_hash': topic.digest,
             },
-            'message_count': topic.count,
+            'message_count': counts[topic.name],
         }
-        for topic in topics
+        for topic in topics.values()
     ]
+    spans = [file.span for file in files if file.span]
+    span = (min(s[0] for s in spans), max(s[1] for s in spans)) if spans else None
     return {
         'version': _VERSION,
         'storage_identifier': storage,
-        **when,
-        'message_count': count,
+        **_when(span),
+        'message_count': sum(counts.values()),
         'topics_with_message_count': listed,
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file],
-        'files': [{'path': file, **when, 'message_count': count}],
+        'relative_file_paths': [file.name for file in files],
+        'files': [
+            {'path': file.name, **_when(file.span), 'message_count': sum(topic.count for topic in file.topics)}
+            for file in files
+        ],
         'custom_data': {_STATE: _RECORDING} if recording else None,
         'ros_distro': 'jazzy',
     }
+
+
+def _when(span: tuple[int, int] | None) -> dict[str, Any]:
+    first, last = span or (0, 0)
+    return {'starting_time': {'nanoseconds_since_epoch': first}, 'duration': {'nanoseconds': last - first}}
 
 
 def dump(content: Mapping[str, Any]) -> str:

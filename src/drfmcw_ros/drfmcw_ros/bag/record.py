@@ -36,6 +36,7 @@ class RecorderSettings:
     duration: float = math.inf  # [s]
     storage: str = 'mcap'
     overwrite: bool = False
+    resume: bool = False
 
 
 class RecorderNode(Node):
@@ -50,7 +51,8 @@ class RecorderNode(Node):
         super().__init__('recorder', **kwargs)
         self._settings = settings
         self.path = path
-        self._writer = BackgroundWriter(BagWriter(path, settings.storage, settings.overwrite, from_the_start=True))
+        writer = BagWriter(path, settings.storage, settings.overwrite, from_the_start=True, resume=settings.resume)
+        self._writer = BackgroundWriter(writer)
         self._completed = False
         self._trouble = ''  # as last logged
         self._lost_reported = 0
@@ -149,6 +151,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--duration', type=float, default=math.inf, metavar='S', help='stop after S seconds')
     parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap', help='storage format (default mcap)')
+    parser.add_argument('--resume', action='store_true', help='go on with a recording whose recorder died')
     parser.add_argument('--force', action='store_true', help='replace a recording of that name')
     return parser
 
@@ -158,7 +161,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     own, ros = split_ros_arguments(argv)
     arguments = _parser().parse_args(own)
     settings = RecorderSettings(
-        tuple(arguments.topic or ['*']), arguments.measured, arguments.duration, arguments.storage, arguments.force
+        tuple(arguments.topic or ['*']),
+        arguments.measured,
+        arguments.duration,
+        arguments.storage,
+        arguments.force,
+        arguments.resume,
     )
 
     def work() -> int:

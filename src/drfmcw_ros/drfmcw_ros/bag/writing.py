@@ -1,6 +1,8 @@
 """Writing rosbag2 recordings without a ROS graph."""
 
+import contextlib
 import dataclasses
+import logging
 import os
 import shutil
 import sqlite3
@@ -24,8 +26,9 @@ from drfmcw_physics.settings import nearest
 from ..topics import is_latched
 from . import metadata
 from .definitions import BagError, UnwritableError, reason, typestore
+from .metadata import ListedFile
 from .storage.mcap_writer import McapWriter
-from .storage.reading import Topic
+from .storage.reading import Topic, open_storage
 from .storage.sqlite_writer import SqliteWriter
 
 STORAGES: dict[str, Callable[[Path], McapWriter | SqliteWriter]] = {'mcap': McapWriter, 'sqlite3': SqliteWriter}
@@ -53,6 +56,31 @@ def _qos(topic: str) -> Qos:
     )
 
 
+def earlier_files(path: Path) -> list[ListedFile]:
+    """Return the storage files of a recording whose recorder died.
+
+    Raises:
+        BagError: the recording is complete, or is none.
+    """
+    try:
+        summary = metadata.load(path / metadata.NAME)
+    except (ValueError, OSError) as error:
+        raise BagError(f'{path}: exists and is no recording, not going on ({reason(error)})') from None
+    if not summary.open:
+        raise BagError(f'{path}: is complete, not going on')
+    found = []
+    for name in summary.files:
+        with contextlib.ExitStack() as cleanup:
+            try:
+                file = open_storage(path / name, cleanup)
+            except Exception as error:  # cut off in its first bytes, or damaged: it stays, and is skipped
+                found.append(ListedFile(name, [], None))
+                logging.getLogger('drfmcw').warning('note: %s: %s', path / name, reason(error))
+                continue
+            found.append(ListedFile(name, file.topics, file.span))
+    return found
+
+
 class BagWriter:
     """Writes one rosbag2 recording.
 
@@ -67,6 +95,7 @@ class BagWriter:
         overwrite: bool = False,
         from_the_start: bool = False,
         name: str | None = None,
+        resume: bool = False,
     ) -> None:
         """Create the recording.
 
@@ -76,6 +105,7 @@ class BagWriter:
             overwrite: replace a recording that exists.
             from_the_start: it stands under its name at once, and is never removed.
             name: of the storage file before its number; None takes the directory's.
+            resume: go on, in a further file, with a recording that stood from the start and whose end is missing.
 
         Raises:
             BagError: it exists already, an unknown storage, or the path cannot be written.
@@ -83,18 +113,21 @@ class BagWriter:
         self.path = Path(path)
         if storage not in STORAGES:
             raise BagError(f"storage '{storage}' is not valid{nearest(storage, list(STORAGES))}")
-        if self.path.exists():
+        self._earlier: list[ListedFile] = []
+        if resume and self.path.exists():
+            self._earlier = earlier_files(self.path)
+        elif self.path.exists():
             if not overwrite:
                 raise BagError(f'{path}: exists already, not overwriting')
             if not (self.path / metadata.NAME).exists():
                 raise BagError(f'{path}: exists and is no recording, not overwriting')
         self._storage, self._visible = storage, from_the_start
-        self._file = f'{name or self.path.name}_0{_SUFFIX[storage]}'  # as rosbag2 names it
+        self._file = f'{name or self.path.name}_{len(self._earlier)}{_SUFFIX[storage]}'  # as rosbag2 names it
         self._directory = self.path if from_the_start else self.path.parent / f'.{self.path.name}.partial-{os.getpid()}'
         try:
-            if from_the_start and self.path.exists():
+            if from_the_start and self.path.exists() and not self._earlier:
                 shutil.rmtree(self.path)
-            self._directory.mkdir(parents=True)
+            self._directory.mkdir(parents=True, exist_ok=bool(self._earlier))
             self._writer = STORAGES[storage](self._directory / self._file)
         except _UNWRITABLE as error:
             raise BagError(f'{path}: {reason(error)}') from None
@@ -178,7 +211,8 @@ class BagWriter:
     def _content(self, recording: bool = False) -> dict[str, Any]:
         """Return the content of metadata.yaml."""
         topics = [dataclasses.replace(t, count=0 if recording else self._counts[t.name]) for t in self._topics.values()]
-        return metadata.compose(self._storage, self._file, topics, None if recording else self._span, recording)
+        own = ListedFile(self._file, topics, None if recording else self._span)
+        return metadata.compose(self._storage, [*self._earlier, own], recording)
 
     def _describe(self, text: str) -> None:
         """Write metadata.yaml."""
