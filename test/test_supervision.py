@@ -86,6 +86,12 @@ def test_wrong_station_setting_ends_run_with_its_status(tmp_path):
         assert 'window' in graph.last_words(member)
 
 
+def recorded_ranges(path):
+    """Number of ranges in a recording."""
+    with BagReader(path) as bag:
+        return sum(t == '/master/slave/range' for t, _, _ in bag.stored_messages({'/master/slave/range'}))
+
+
 def test_recorder_that_is_killed_does_not_end_the_graph(tmp_path):
     """Ranges go on, and so does the recording, in a further file."""
     path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.02})
@@ -104,10 +110,11 @@ def test_recorder_that_is_killed_does_not_end_the_graph(tmp_path):
 
         s.wait(again, 'the recorder')
         s.wait(lambda: s.monitor.total > before + 100, 'further ranges')
+        s.wait(lambda: recorded_ranges(tmp_path / 'run' / 'run_1.mcap') > 20, 'further recorded ranges')
         s.graph.stop()
     with BagReader(tmp_path / 'run') as bag:
         assert len(bag.unfinished) == 1
-        assert sum(t == '/master/slave/range' for t, _, _ in bag.messages()) > 100
+    assert recorded_ranges(tmp_path / 'run') > recorded_ranges(tmp_path / 'run' / 'run_1.mcap') > 20
 
 
 # --- two publishers on one topic ---
@@ -158,15 +165,15 @@ def test_spoofed_beats_are_refused_with_the_reason(tmp_path):
 
         def forge(message):
             if forge.sent < 400:
-                message.beat_frequency += 1000.0
+                message.frequency += 1000.0
                 forge.sent += 1
-                forge.own.add((message.sweep_id, message.beat_frequency))
+                forge.own.add((message.sweep_id, message.frequency))
                 spoof.publish(message)
 
         forge.sent, forge.own = 0, set()
 
         def hear(message):
-            if (message.sweep_id, message.beat_frequency) not in forge.own:
+            if (message.sweep_id, message.frequency) not in forge.own:
                 forge(message)
 
         s.monitor.create_subscription(BeatFrequency, '/master/beat_frequency', hear, qos.RELIABLE)

@@ -35,6 +35,15 @@ LATCHED = QoSProfile(
 """Settings and calibration: the last one reaches late joiners."""
 
 
+WEATHER = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=20,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Readings that hold for minutes: the last ones reach late joiners, such as a recorder, and none is lost when fast."""
+
+
 def latched_subscription(depth: int) -> QoSProfile:
     """Return the subscriber's profile of a latched topic with up to `depth` publishers (one per peer)."""
     return QoSProfile(

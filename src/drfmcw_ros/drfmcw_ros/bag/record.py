@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
 
 from drfmcw_physics.settings import ConfigurationError
 
@@ -75,12 +76,15 @@ class RecorderNode(Node):
             if not self._wanted(topic) or kind not in typestore().fielddefs:
                 self._ignored.add(topic)
                 continue
-            if not self.get_publishers_info_by_topic(topic):
+            publishers = self.get_publishers_info_by_topic(topic)
+            if not publishers:
                 continue  # a subscriber alone: wait for someone who publishes
             self._known.add(topic)
             self._writer.add_topic(topic, kind)
             write = functools.partial(self._write, topic, kind)
-            profile = qos.latched_subscription(64) if is_latched(topic) else qos.DEEP
+            # what was published before the recording began, and still holds, belongs to it: settings, weather
+            latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+            profile = qos.latched_subscription(1000) if latched or is_latched(topic) else qos.DEEP
             qos.subscription(self, message_class(kind), topic, write, profile, batch=True, raw=True)
             self.get_logger().info(f'recording {topic}')
 
