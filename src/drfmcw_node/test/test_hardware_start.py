@@ -43,7 +43,7 @@ def test_station_runs_with_the_shipped_parameters(station):
 @pytest.mark.parametrize(
     ('arguments', 'environment', 'expected'),
     [
-        (['--station', 'a', '--ros-args', '-p'], {}, 'trailing -p flag'),
+        (['--station', 'a', '--ros-args', '-p'], {}, "Couldn't parse"),
         (['--station', 'a', '--ros-args', '--params-file', '/none'], {}, '/none'),
         (['--station', 'a'], {'ROS_DOMAIN_ID': 'abc'}, 'ROS_DOMAIN_ID is not an integral number'),
     ],

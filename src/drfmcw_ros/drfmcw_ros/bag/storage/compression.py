@@ -1,12 +1,12 @@
 """Decompression of what rosbag2 compresses: chunks, messages, and files, also files whose end is missing."""
 
-import sys
 from pathlib import Path
+from typing import Any
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+import rosbags.rosbag2.reader
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
+
+zstd: Any = vars(rosbags.rosbag2.reader)['zstd']  # from wherever this Python has it
 
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'  # no CDR message begins so: their first byte is zero
 _PIECE = 1 << 20
@@ -18,31 +18,15 @@ def decompressed_chunk(data: bytes, compression: str, size: int) -> bytes:
     Raises:
         ValueError: unknown compression, broken data, or another length than stated.
     """
-    if compression == '':
-        held = data
-    elif compression == 'zstd':
-        try:
-            held = zstd.decompress(data)
-        except zstd.ZstdError as error:
-            raise ValueError(f'a chunk cannot be decompressed ({error})') from None
-    elif compression == 'lz4':
-        held = _lz4(data)
-    else:
+    if compression not in DECOMPRESSORS:
         raise ValueError(f'unknown compression {compression!r} of a chunk')
+    try:
+        held = bytes(DECOMPRESSORS[compression](data, size))
+    except Exception as error:  # each decompressor raises its own
+        raise ValueError(f'a chunk cannot be decompressed ({error})') from None
     if len(held) != size:
         raise ValueError('a chunk has another length than it states')
     return held
-
-
-def _lz4(data: bytes) -> bytes:
-    try:
-        import lz4.frame
-    except ImportError:
-        raise ValueError("a chunk is compressed with lz4, and Python's lz4 is not installed") from None
-    try:
-        return bytes(lz4.frame.decompress(data))
-    except RuntimeError as error:
-        raise ValueError(f'a chunk cannot be decompressed ({error})') from None
 
 
 def decompressed_message(data: bytes) -> bytes:
@@ -50,7 +34,7 @@ def decompressed_message(data: bytes) -> bytes:
     if data[:4] != _ZSTD_MAGIC:
         return data
     try:
-        return zstd.decompress(data)
+        return bytes(zstd.decompress(data))
     except zstd.ZstdError as error:
         raise ValueError(f'a message cannot be decompressed ({error})') from None
 
@@ -72,4 +56,4 @@ def decompress_file(source: Path, target: Path) -> bool:
                     piece = decompressor.unused_data if decompressor.eof else b''
             except zstd.ZstdError:
                 return False
-    return decompressor.eof
+    return bool(decompressor.eof)
