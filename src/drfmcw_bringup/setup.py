@@ -15,6 +15,7 @@ setup(
         ('share/' + NAME, ['package.xml']),
         ('share/' + NAME + '/launch', sorted(glob('launch/*.launch.py'))),
         ('share/' + NAME + '/config', sorted(glob('config/*.yaml'))),
+        ('share/' + NAME + '/config/hardware', sorted(glob('config/hardware/*.yaml'))),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},

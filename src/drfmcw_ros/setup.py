@@ -23,6 +23,7 @@ setup(
         'console_scripts': [
             'record = drfmcw_ros.bag.record:main',
             'info = drfmcw_ros.bag.info:main',
+            'repair = drfmcw_ros.bag.repair:main',
         ],
     },
 )

@@ -21,6 +21,10 @@ PAIR_STATION, RECORDER, REPLAY = 'drfmcw_node.pair_station', 'drfmcw_ros.bag.rec
 """Modules that run as processes."""
 
 _STOP_LIMIT = 20.0  # for a clean end after SIGINT; a recorder may have much to write [s]
+_FIRST_DELAY, _LONGEST_DELAY = 0.5, 30.0  # before a restart [s]
+_STABLE = 60.0  # after which a process that dies is restarted as if for the first time [s]
+WRONG_CONFIGURATION = 2
+"""Exit status of a process that need not be started again."""
 _PR_SET_PDEATHSIG = 1  # of prctl(2)
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
@@ -77,7 +81,18 @@ class Member:
     process: subprocess.Popen[bytes]
     log: IO[str] | None
     keep_alive: bool
+    optional: bool = False  # the graph goes on without it
     restarts: int = 0
+    started: float = dataclasses.field(default_factory=time.monotonic)  # [s]
+    delay: float = 0.0  # before the next restart, while it dies again and again [s]
+    due: float | None = None  # when it is started again, None while it runs [s]
+
+    @property
+    def final(self) -> bool:
+        """Return whether the process, which has ended, stays so: status 2 says that its configuration is wrong."""
+        if not self.keep_alive:
+            return True
+        return self.process.returncode == WRONG_CONFIGURATION and not (self.optional and self.restarts)
 
 
 class Graph:
@@ -94,14 +109,21 @@ class Graph:
         self._log_directory = log_directory
         self.members: dict[str, Member] = {}
 
-    def start(self, name: str, module: str, *arguments: str, keep_alive: bool = False) -> Member:
-        """Start `python -m module arguments` under a name; with `keep_alive` it is restarted when it dies."""
+    def start(
+        self, name: str, module: str, *arguments: str, keep_alive: bool = False, optional: bool = False
+    ) -> Member:
+        """Start `python -m module arguments` under a name.
+
+        With `keep_alive` it is restarted when it dies, after a delay that doubles from 0.5 s to 30 s while it dies
+        again at once. It ends for good with status 2, a wrong configuration. `optional`: that matters at its first
+        start only; what fails later (a recorder's disk is gone) is tried again.
+        """
         log = None
         if self._log_directory is not None:
             self._log_directory.mkdir(parents=True, exist_ok=True)
             log = open(self._log_directory / f'{name}.log', 'w', encoding='utf-8')  # noqa: SIM115 closed in stop()
         command = [sys.executable, '-m', module, *arguments]
-        member = Member(name, command, self._spawn(command, log), log, keep_alive)
+        member = Member(name, command, self._spawn(command, log), log, keep_alive, optional)
         self.members[name] = member
         return member
 
@@ -118,16 +140,21 @@ class Graph:
         )
 
     def tend(self) -> list[Member]:
-        """Restart what died and shall live; return the other members that have ended."""
-        ended = []
+        """Restart what died and shall live, when it is due; return the members that have ended for good."""
+        now, ended = time.monotonic(), []
         for member in self.members.values():
             if member.process.poll() is None:
                 continue
-            if member.keep_alive and member.process.returncode != 2:  # 2: wrong configuration, no use trying again
+            if member.final:
+                ended.append(member)
+            elif member.due is None:
+                stable = now - member.started > _STABLE
+                member.delay = _FIRST_DELAY if stable or not member.delay else min(2.0 * member.delay, _LONGEST_DELAY)
+                member.due = now + member.delay
+            elif now >= member.due:
                 member.process = self._spawn(member.command, member.log)
                 member.restarts += 1
-            else:
-                ended.append(member)
+                member.started, member.due = now, None
         return ended
 
     def stop(self, *names: str) -> None:

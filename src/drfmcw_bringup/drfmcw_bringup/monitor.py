@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from drfmcw_ros import qos
 from drfmcw_ros.messages import stamp_ns
+from drfmcw_ros.publishers import Publishers
 
 _RATE_TIME = 2.0  # over which the rate is counted [s]
 
@@ -41,11 +42,18 @@ class RangeMonitor(Node):
         self.arrivals: list[Arrival] = []
         self._keep = keep
         self._times: collections.deque[tuple[float, int]] = collections.deque()
+        self._sources = {pair: Publishers(f'/{pair}/range') for pair in pairs}
         self._subscriptions_of_pairs = [
             qos.subscription(
-                self, RangeEstimate, f'/{pair}/range', functools.partial(self._take, pair), qos.RELIABLE, batch=True
+                self,
+                RangeEstimate,
+                sources.topic,
+                functools.partial(self._take, pair),
+                qos.RELIABLE,
+                batch=True,
+                numbers=sources.add,
             )
-            for pair in pairs
+            for pair, sources in self._sources.items()
         ]
 
     def _take(self, pair: str, messages: list[RangeEstimate]) -> None:
@@ -84,6 +92,8 @@ class RangeMonitor(Node):
             return f'{pair}: waiting for the first range'
         mode = 'LD' if m.mode == 1 else 'SD'
         doubt = f' flags {m.flags}' if m.flags else ''
+        if self._sources[pair].several:
+            doubt += f' MIXED: {self._sources[pair].doubt}'
         return f'{pair}: {m.range:9.3f} m +- {m.range_std * 1e3:5.2f} mm {m.velocity:+6.3f} m/s {mode}{doubt}'
 
 

@@ -1,8 +1,9 @@
 """`run SCENARIO`: the whole graph of a simulated site - simulator, one process per station, fusion."""
 
+import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -15,7 +16,7 @@ from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 
-from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, parameters
+from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, parameters, private_environment
 from .monitor import RangeMonitor, monitored
 
 _ESTIMATOR = declared_parameters(EstimatorSettings)['estimator'][1]
@@ -39,7 +40,7 @@ def start_nodes(
         graph: that takes the processes.
         scenario: with the stations and pairs.
         record: recording to write, None for none.
-        keep_alive: restart stations and fusion when they die.
+        keep_alive: restart stations, fusion and recorder when they die.
         estimator: of the stations; None takes their default.
 
     Raises:
@@ -50,7 +51,8 @@ def start_nodes(
             if pair.hears_itself:
                 raise ConfigurationError(f"estimator 'pair' needs two stations, but {pair.first} hears itself")
     if record is not None:
-        graph.start('recorder', RECORDER, str(record))
+        resume = ('--resume',) if keep_alive else ()  # after a restart
+        graph.start('recorder', RECORDER, str(record), *resume, keep_alive=keep_alive, optional=True)
     pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
     graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
     stations, settings = list(scenario.stations), {'estimator': estimator} if estimator else {}
@@ -106,6 +108,12 @@ def watch(graph: Graph, monitor: RangeMonitor, pairs: Sequence[str], console: Co
             time.sleep(0.1)
 
 
+def joining(environment: Mapping[str, str]) -> str:
+    """Return the line that says how other commands join a graph that has a ROS domain of its own."""
+    names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+    return 'to join this graph: export ' + ' '.join(f'{name}={environment[name]}' for name in names)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     parser = Parser(prog='drfmcw run', description=__doc__)
@@ -114,6 +122,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--fast', action='store_true', help='as fast as the stations take the sweeps')
     parser.add_argument('--loop', action='store_true', help='start again when the scenario ends')
     parser.add_argument('--record', type=Path, metavar='RECORDING', help='write a recording')
+    parser.add_argument(
+        '--network', action='store_true', help="use the environment's ROS domain, not one of its own on this machine"
+    )
     parser.add_argument('--estimator', choices=_ESTIMATOR.choices, help=_ESTIMATOR.description)
     arguments = parser.parse_args(argv)
 
@@ -128,9 +139,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.fast:
             simulator['pace'] = 'subscribers'
         pairs = pair_names(scenario)
-        with Graph() as graph, monitored(pairs) as monitor:
+        console = Console()
+        environment = dict(os.environ) if arguments.network else private_environment()
+        if not arguments.network:
+            console.print(joining(environment), highlight=False, soft_wrap=True)
+        domain = None if arguments.network else int(environment['ROS_DOMAIN_ID'])
+        with Graph(environment) as graph, monitored(pairs, domain) as monitor:
             start_graph(graph, path, scenario, simulator, monitor, arguments.record, True, arguments.estimator)
-            return watch(graph, monitor, pairs, Console())
+            return watch(graph, monitor, pairs, console)
 
     return guarded('drfmcw run', work)
 

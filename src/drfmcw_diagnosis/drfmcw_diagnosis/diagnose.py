@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.progress import Progress
 
@@ -28,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
         'say what physics the model leaves out.',
     )
     result.add_argument('recording', help='rosbag2 recording of raw IF samples, of both stations or of one')
+    add_damage_option(result)
     result.add_argument('--json', metavar='FILE', help='write the finding as JSON')
     result.add_argument('--html', metavar='FILE', help='write a report')
     result.add_argument('--out', metavar='DIR', help='write finding.json, report.html and refined.yaml there')

@@ -23,6 +23,7 @@ from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
 from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
 from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.publishers import Publishers
 from drfmcw_ros.runner import run
 
 from .integrity.settings import IntegritySettings
@@ -41,6 +42,7 @@ _LARGEST_FLOAT = 3.4e38  # of a float32 field
 _REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is requested again [s]
 _LOG_INTERVAL = 10.0  # between two lines about refused messages [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
+_LEASE = 25.0  # after which DDS has forgotten a publisher that died: 20 s by default [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
 
@@ -74,6 +76,7 @@ class _PairState:
     newest: RangeResult | None = None
     ranges: int = 0  # since the last diagnostics
     flagged: int = 0
+    alone: float = dataclasses.field(default_factory=time.monotonic)  # when nobody else published last [s]
 
 
 class FusionNode(Node):
@@ -121,8 +124,10 @@ class FusionNode(Node):
         self._first.subscription(SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)
         self._first.subscription(StationCalibration, f'/{station}/calibration', self._calibration, latched)
         self._first.subscription(StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
+        sources = Publishers(f'/{station}/beat_frequency')
+        take = functools.partial(self._beats, station, sources)
         qos.subscription(
-            self, BeatFrequency, f'/{station}/beat_frequency', self._beats, qos.DEEP, batch=True, gather=_GATHER
+            self, BeatFrequency, sources.topic, take, qos.DEEP, batch=True, gather=_GATHER, numbers=sources.add
         )
         for pair in self._pairs:
             if station in pair and pair[0] != pair[1]:
@@ -176,11 +181,19 @@ class FusionNode(Node):
 
         self._take(message, take)
 
-    def _beats(self, messages: list[BeatFrequency]) -> None:
+    def _beats(self, station: str, sources: Publishers, messages: list[BeatFrequency]) -> None:
         self._first.poll()
-        arrival = time.monotonic()
+        arrival, doubt = time.monotonic(), sources.doubt
+
+        def add(message: BeatFrequency) -> RangeResult | None:
+            if message.station != station:
+                raise ConfigurationError(f'it came on {sources.topic}')
+            if doubt:
+                raise ConfigurationError(doubt)
+            return self._add_beat(message, arrival)
+
         for message in messages:
-            result = self._take(message, functools.partial(self._add_beat, message, arrival))
+            result = self._take(message, functools.partial(add, message))
             if result is not None:
                 self._publish(result)
 
@@ -243,6 +256,7 @@ class FusionNode(Node):
 
     def _diagnose(self, pair: tuple[str, str], status: Status) -> None:
         state = self._pairs[pair]
+        self._diagnose_rivals(f'/{"/".join(pair)}/range', state, status)
         if state.ranges == 0:
             status.report(ERROR if state.newest is None else WARN, 'no range in the last second')
         elif state.flagged:
@@ -259,6 +273,18 @@ class FusionNode(Node):
         for test, count in self._fusion.failures(pair).items():
             status.value(f'failed test {test}', count)
         state.ranges = state.flagged = 0
+
+    def _diagnose_rivals(self, topic: str, state: _PairState, status: Status) -> None:
+        """Report another node that publishes this pair's ranges, which consumers cannot keep apart from ours."""
+        now = time.monotonic()
+        others = self.count_publishers(topic) - 1
+        if others <= 0:
+            state.alone = now
+        elif now - state.alone < _LEASE:
+            status.report(WARN, f'another node publishes on {topic}, or one that died did')
+        else:
+            status.report(ERROR, f'{others} other nodes publish on {topic}: a second graph in this ROS domain?')
+            self._logger.error(f'{others} other nodes publish on {topic}', throttle_duration_sec=_LOG_INTERVAL)
 
     def _diagnose_pairing(self, status: Status) -> None:
         lost = (self._fusion.unpaired, self._fusion.without_settings)

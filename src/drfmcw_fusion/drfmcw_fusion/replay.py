@@ -13,6 +13,7 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, nearest, read_yaml
 from drfmcw_ros.bag.files import BagReader
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.progress import Progress
 
@@ -37,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog='drfmcw replay', description=__doc__)
     parser.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
+    add_damage_option(parser)
     offline = parser.add_argument_group('offline (default): as fast as possible')
     offline.add_argument('--json', metavar='FILE', help="write the table as JSON, '-' prints it")
     offline.add_argument('--csv', metavar='FILE', help="write the table as CSV, '-' prints it")

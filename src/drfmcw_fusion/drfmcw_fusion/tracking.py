@@ -27,6 +27,8 @@ _RANGE_FIT_MINIMUM = 6  # sweeps that takes
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
 _LONGEST_PAUSE = 1.0  # after which the crane counts as standing again until shown otherwise [s]
 _SHORTEST_COMPARISON = 3  # sweeps; fewer cannot distinguish a drift from an outlier
+MEMORY = (_TRACK_LENGTH, _RANGE_FIT_DURATION)
+"""Sweeps, and seconds, after which the velocity does not depend on when the track began, but for rounding."""
 _DECISION = 10.0  # a drift must be known this much better than the half wavelength it is rounded to
 
 

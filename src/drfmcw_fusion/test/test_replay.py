@@ -290,14 +290,25 @@ def test_info_lists_what_is_there():
 # --- bad input ---
 
 
+def test_recording_cut_off_is_read_as_far_as_it_is_whole(tmp_path):
+    """How much that is stands on stderr; the ranges are those of the whole recording up to there."""
+    shutil.copytree(STANDING, tmp_path / 'cut')
+    with open(tmp_path / 'cut' / 'recording_0.mcap', 'r+b') as file:
+        file.truncate(2_500_000)
+    whole = replay_recording(str(STANDING)).results
+    cut = replay_recording(str(tmp_path / 'cut')).results
+    assert 0.5 * len(whole) < len(cut) < len(whole)
+    assert cut == whole[: len(cut)]
+    for module in ('replay', 'info'):
+        status, _, err = run(module, tmp_path / 'cut')
+        assert status == 0
+        assert 'of 2500000 bytes are whole' in err
+
+
 @pytest.mark.parametrize('module', ['replay', 'info'])
 def test_unreadable_recording(module, tmp_path):
     assert refused(module, tmp_path / 'none').endswith('none: no such recording')
     assert 'no rosbag2 recording' in refused(module, tmp_path)
-    shutil.copytree(STANDING, tmp_path / 'cut')
-    with open(tmp_path / 'cut' / 'recording_0.mcap', 'r+b') as file:
-        file.truncate(1_000_000)
-    assert 'truncated' in refused(module, tmp_path / 'cut')
     (tmp_path / 'notes.mcap').write_text('no recording')
     assert 'notes.mcap' in refused(module, tmp_path / 'notes.mcap')
     refused(module)

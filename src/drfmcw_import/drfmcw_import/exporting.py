@@ -13,6 +13,7 @@ import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.bag.files import BagError, BagReader
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.messages import stamp_ns
 
@@ -25,6 +26,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     result: argparse.ArgumentParser = Parser(prog='drfmcw export', description=__doc__)
     result.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
+    add_damage_option(result)
     result.add_argument('--out', required=True, metavar='FILE', help='.npz, .csv or .parquet: its name says the format')
     result.add_argument('--station', metavar='NAME', help='only this station')
     return result

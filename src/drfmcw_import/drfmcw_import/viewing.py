@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 
 
@@ -12,6 +13,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     result: argparse.ArgumentParser = Parser(prog='drfmcw view', description=__doc__)
     result.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
+    add_damage_option(result)
     result.add_argument('--out', metavar='FILE', help='page to write (RECORDING.html in the current directory)')
     return result
 

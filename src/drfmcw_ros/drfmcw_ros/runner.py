@@ -12,11 +12,13 @@ from typing import Any
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
 
+RCLError: type[Exception] = rclpy_implementation.RCLError
 _LOG_INTERVAL = 10.0  # between two lines about failing callbacks [s]
 
 
@@ -37,11 +39,11 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
     Returns:
         0 after a clean end, 2 after a wrong configuration (one line on stderr names it).
     """
-    rclpy.init(args=None if argv is None else [sys.argv[0], *argv], signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGINT, _stop)
     signal.signal(signal.SIGTERM, _stop)
     node = None
     try:
+        rclpy.init(args=None if argv is None else [sys.argv[0], *argv], signal_handler_options=SignalHandlerOptions.NO)
         node = node_class(**kwargs)
         executor = SingleThreadedExecutor()  # rclpy 7.1's EventsExecutor keeps a core busy without serving
         executor.add_node(node)
@@ -51,6 +53,11 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         pass
     except (ConfigurationError, InvalidParameterValueException, InvalidParameterTypeException) as error:
         print(f'drfmcw: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    except RCLError as error:  # of starting: arguments, parameter file, ROS_DOMAIN_ID
+        if node is not None:
+            raise
+        print(f'drfmcw: {" ".join(str(error).split()).partition(", at /")[0]}', file=sys.stderr)
         return 2
     finally:
         # a second signal while cleaning up must not end in a traceback

@@ -249,9 +249,8 @@ class Simulator(Node):
         for station in self.scenario.stations:
             topics += [f'/{station}/if_samples', f'/{station}/status']
         for topic in topics:
-            self._publishers_of[topic, ''] = qos.publisher(
-                self, message_class(message_type(topic)), topic, qos.RELIABLE
-            )
+            profile = qos.WEATHER if topic.startswith('/site/') else qos.RELIABLE
+            self._publishers_of[topic, ''] = qos.publisher(self, message_class(message_type(topic)), topic, profile)
 
     def _publish(self, event: Event) -> None:
         self._publisher(event).publish(to_message(event.content, message_class(message_type(event.topic))))

@@ -1,67 +1,192 @@
-"""Reading and writing rosbag2 recordings (mcap, sqlite3) without a ROS graph."""
+"""Reading rosbag2 recordings (mcap, sqlite3) without a ROS graph; writing them stands in `writing`."""
 
+import contextlib
+import contextvars
 import functools
-import os
-import shutil
-import sqlite3
+import heapq
+import logging
+import operator
+import re
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
-from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
-from drfmcw_physics.settings import ConfigurationError, nearest
+from drfmcw_physics.settings import nearest
 
-from ..topics import is_latched
+from . import metadata
+from .definitions import BagError, Converter, UnwritableError, converter, reason, typestore
+from .storage.mcap_reader import Damage
+from .storage.reading import SUFFIXES, StorageFile, Topic, open_storage
+from .writing import STORAGES, BagWriter
 
-STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-"""Storage formats by the names rosbag2 uses."""
+__all__ = ['SKIP_DAMAGED', 'STORAGES', 'BagError', 'BagReader', 'BagWriter', 'UnwritableError', 'typestore']
 
-_FOREVER = QosTime(9223372036, 854775807)
-_UNWRITABLE = (OSError, sqlite3.Error)
+SKIP_DAMAGED: contextvars.ContextVar[bool] = contextvars.ContextVar('skip_damaged', default=False)
+"""Whether a damaged recording is read without its damaged parts; else it is refused."""
 
-
-class BagError(ConfigurationError):
-    """A recording that cannot be read or lacks what is needed; the message is one line."""
+_DAMAGES_SHOWN = 3
+_LOG = logging.getLogger('drfmcw')
 
 
-@functools.cache
-def typestore() -> Typestore:
-    """Return the message types of Jazzy and of drfmcw_msgs as installed."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for path in sorted(Path(get_package_share_directory('drfmcw_msgs'), 'msg').glob('*.msg')):
-        store.register(get_types_from_msg(path.read_text(encoding='utf-8'), f'drfmcw_msgs/msg/{path.stem}'))
-    return store
+@functools.lru_cache(256)
+def _note(text: str) -> None:
+    """Say something about a recording on stderr, once in a process."""
+    _LOG.warning('note: %s', text)
 
 
 class BagReader:
-    """Reads one rosbag2 recording: a directory with metadata.yaml, or a single .mcap or .db3 file."""
+    """Reads one rosbag2 recording: a directory with or without metadata.yaml, or a single storage file.
 
-    def __init__(self, path: Path | str) -> None:
-        """Open the recording.
+    A file whose end is missing is read as far as it is whole. A damaged one is refused, or read without the damaged
+    parts. Either is said on stderr.
+    """
+
+    def __init__(self, path: Path | str, skip_damaged: bool | None = None) -> None:
+        """Open the recording and verify its checksums.
+
+        Args:
+            path: of the recording.
+            skip_damaged: read what is not damaged; None takes `SKIP_DAMAGED`.
 
         Raises:
-            BagError: missing, truncated or no recording.
+            BagError: missing, damaged or no recording.
         """
         self.path = Path(path)
         if not self.path.exists():
             raise BagError(f'{path}: no such recording')
-        source = self.path
-        if source.is_dir() and not (source / 'metadata.yaml').exists():
-            files = [f for f in sorted(source.iterdir()) if f.suffix in ('.mcap', '.db3')]
-            if len(files) != 1:
-                raise BagError(f'{path}: no rosbag2 recording (no metadata.yaml, {len(files)} storage files)')
-            source = files[0]
+        skip = SKIP_DAMAGED.get() if skip_damaged is None else skip_damaged
+        self._cleanup = contextlib.ExitStack()
+        self._files: list[StorageFile] = []
+        self.damages: list[str] = []
+        """One line for each damaged part."""
+        self.remarks: list[str] = []
+        """One line for each thing that is odd, but changes nothing that is read."""
         try:
-            self._reader = Reader(source)
-            self._reader.open()
-        except Exception as error:  # damage shows wherever the storage's parser, decompressor or database meets it
-            raise BagError(f'{path}: truncated, damaged or no rosbag2 recording ({_reason(error)})') from None
-        self._checked: set[str] = set()
+            summary = self._open(skip)
+        except BagError:
+            self._cleanup.close()
+            raise
+        self._name_topics(summary)
+        for text in (*self.unfinished, *self.remarks):
+            _note(text)
+        self._report(skip)
+        self._converters: dict[str, Converter | None] = {}
+
+    def _open(self, skip: bool) -> metadata.Summary | None:
+        """Open the storage files; return what metadata.yaml says, None where there is none."""
+        summary, paths = None, [self.path]
+        if self.path.is_dir():
+            listed = self.path / metadata.NAME
+            if listed.exists():
+                summary = self._metadata(listed, skip)
+            paths = _storage_files(self.path) if summary is None else [self.path / name for name in summary.files]
+        for file in paths:
+            try:
+                self._files.append(open_storage(file, self._cleanup))
+            except FileNotFoundError:
+                if not skip:
+                    raise BagError(f'{self.path}: {file.name}, which metadata.yaml names, is missing') from None
+                self.damages.append(f'{self.path}: {file.name}, which metadata.yaml names, is missing')
+            except Exception as error:  # damage shows wherever the storage's parser, decompressor or database meets it
+                raise BagError(f'{file}: truncated, damaged or no rosbag2 recording ({reason(error)})') from None
+        if summary is not None and not summary.open and not any(f.unfinished or f.damages for f in self._files):
+            differs = metadata.contradiction(summary, self._files)
+            written = {file.metadata_checksum for file in self._files}
+            if differs:
+                self.damages.append(f'{self.path / metadata.NAME}: differs from the messages: {differs}')
+            elif written - {'', metadata.checksum_of(self.path / metadata.NAME)}:
+                self.remarks.append(f'{self.path / metadata.NAME}: changed since it was written with the recording')
+        return summary
+
+    def _metadata(self, path: Path, skip: bool) -> metadata.Summary | None:
+        try:
+            return metadata.load(path)
+        except (ValueError, OSError) as error:
+            if not skip:
+                raise BagError(f'{path}: damaged or no rosbag2 recording ({reason(error)})') from None
+            self.damages.append(f'{path}: damaged ({reason(error)})')
+            return None
+
+    def _name_topics(self, summary: metadata.Summary | None) -> None:
+        """Make one connection of each topic, from storage files and metadata.yaml."""
+        found: dict[str, Topic] = {}
+        counts: dict[str, int] = {}
+        for topic in (topic for file in self._files for topic in file.topics):
+            found.setdefault(topic.name, topic)
+            counts[topic.name] = counts.get(topic.name, 0) + topic.count
+        for name, topic in summary.topics.items() if summary else ():
+            found.setdefault(name, topic)
+        self.connections: list[Connection] = []
+        """Topics with their types, message counts and QoS profiles."""
+        for name, topic in found.items():
+            stated = summary.topics.get(name) if summary else None
+            kind = MessageDefinitionFormat.MSG if topic.definition else MessageDefinitionFormat.NONE
+            self.connections.append(
+                Connection(
+                    id=len(self.connections) + 1,
+                    topic=name,
+                    msgtype=topic.type,
+                    msgdef=MessageDefinition(kind, topic.definition),
+                    digest=topic.digest or (stated.digest if stated else ''),
+                    msgcount=counts.get(name, 0),
+                    ext=ConnectionExtRosbag2('cdr', summary.qos[name] if stated and summary else []),
+                    owner=self,
+                )
+            )
+        spans = [file.span for file in self._files if file.span]
+        self.start_time = min((span[0] for span in spans), default=0)
+        """Time of the first message [ns]."""
+        self.end_time = max((span[1] + 1 for span in spans), default=0)
+        """Time after the last message [ns]."""
+        self.message_count = sum(counts.values())
+        """Number of messages."""
+
+    def _report(self, skip: bool) -> None:
+        """Refuse a damaged recording, or say what is left out."""
+        for file in self._files:
+            self.damages += [self._described(file.path, damage) for damage in file.damages]
+        if not self.damages:
+            return
+        more = f' (and {len(self.damages) - 1} more)' if len(self.damages) > 1 else ''
+        if not skip:
+            self.close()
+            raise BagError(f'{self.damages[0]}{more}; --skip-damaged reads the rest')
+        for text in self.damages[:_DAMAGES_SHOWN]:
+            _note(text)
+        if len(self.damages) > _DAMAGES_SHOWN:
+            _note(f'{self.path}: {len(self.damages) - _DAMAGES_SHOWN} more damaged parts')
+
+    def _described(self, file: Path, damage: Damage) -> str:
+        where = f'{file}: damaged at byte {damage.position}'
+        where += f' to {damage.position + damage.length}' if damage.length else ''
+        text = f'{where}: {damage.what}'
+        if damage.topics:
+            text += f'; messages on {", ".join(damage.topics)}'
+        if damage.span:
+            begin, end = ((time - self.start_time) * 1e-9 for time in damage.span)
+            text += f' from {begin:.3f} s to {end:.3f} s after the start'
+        return text
+
+    @property
+    def unfinished(self) -> list[str]:
+        """One line for each storage file whose end is missing."""
+        return [
+            f'{f.path}: {f.unfinished}; {sum(t.count for t in f.topics)} messages'
+            + (f' over {(f.span[1] - f.span[0]) * 1e-9:.3f} s' if f.span else '')
+            for f in self._files
+            if f.unfinished
+        ]
+
+    @property
+    def checksums(self) -> bool:
+        """Return whether every message stands under a checksum."""
+        return bool(self._files) and all(file.checksums for file in self._files)
+
+    def close(self) -> None:
+        """Close the recording."""
+        self._cleanup.close()
 
     def __enter__(self) -> 'BagReader':
         """Return itself."""
@@ -69,58 +194,27 @@ class BagReader:
 
     def __exit__(self, *_: object) -> None:
         """Close the recording."""
-        self._reader.close()
-
-    @property
-    def connections(self) -> list[Connection]:
-        """Topics with their types, message counts and QoS profiles."""
-        return self._reader.connections
+        self.close()
 
     @property
     def topics(self) -> dict[str, str]:
         """{topic: type}."""
-        return {c.topic: c.msgtype for c in self._reader.connections}
-
-    @property
-    def start_time(self) -> int:
-        """Time of the first message [ns]."""
-        return self._reader.start_time
-
-    @property
-    def end_time(self) -> int:
-        """Time of the last message [ns]."""
-        return self._reader.end_time
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages."""
-        return self._reader.message_count
+        return {c.topic: c.msgtype for c in self.connections}
 
     def require(self, topic: str) -> None:
         """Raise BagError where the recording lacks `topic`, naming the nearest it has."""
         if topic not in self.topics:
             raise BagError(f"{self.path}: topic '{topic}' is missing{nearest(topic, sorted(self.topics))}")
 
-    def _check_definition(self, connection: Connection) -> None:
-        """Refuse a message type whose definition in the recording differs from ours."""
-        if connection.msgtype in self._checked:
-            return
-        store = typestore()
-        where = f"{self.path}: topic '{connection.topic}'"
-        if connection.msgtype not in store.fielddefs:
-            raise BagError(f'{where}: message type {connection.msgtype} is unknown')
-        ours = store.hash_rihs01(connection.msgtype)
-        theirs = connection.digest
-        if not theirs and connection.msgdef.data:
+    def _converter(self, connection: Connection) -> Converter | None:
+        """Return what makes a topic's messages ours, None for nothing; raises BagError where they cannot be."""
+        key = connection.topic
+        if key not in self._converters:
             try:
-                recorded = get_typestore(Stores.EMPTY)
-                recorded.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
-                theirs = recorded.hash_rihs01(connection.msgtype)
-            except Exception as error:  # rosbags raises what its parser meets
-                raise BagError(f'{where}: its message definition cannot be read ({_reason(error)})') from None
-        if theirs and theirs != ours:
-            raise BagError(f'{where}: its definition of {connection.msgtype} differs from the one drfmcw uses')
-        self._checked.add(connection.msgtype)
+                self._converters[key] = converter(typestore(), connection)
+            except ValueError as error:
+                raise BagError(f"{self.path}: topic '{connection.topic}': {reason(error)}") from None
+        return self._converters[key]
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
         """Yield (topic, time [ns], message) in order of time; messages have the fields of the ROS messages.
@@ -129,136 +223,58 @@ class BagReader:
             topics: only these; None yields all whose type is known.
 
         Raises:
-            BagError: truncated, corrupt, or a message definition that differs from ours.
+            BagError: truncated, corrupt, or a message definition that is not ours or an older one of it.
         """
         store = typestore()
         for topic, time, msgtype, raw in self.raw_messages(topics):
             try:
                 message = store.deserialize_cdr(raw, msgtype)
             except Exception as error:  # rosbags raises what its parser meets
-                raise BagError(f"{self.path}: topic '{topic}': message cannot be decoded ({_reason(error)})") from None
+                raise BagError(f"{self.path}: topic '{topic}': message cannot be decoded ({reason(error)})") from None
             yield topic, time, message
 
     def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, str, bytes]]:
-        """Yield (topic, time [ns], type, serialised message) in order of time; arguments as `messages`."""
+        """Yield (topic, time [ns], type, message serialised in our definition) in order of time.
+
+        Arguments and errors as `messages`.
+        """
         known = typestore().fielddefs
         chosen = [c for c in self.connections if (c.topic in topics if topics is not None else c.msgtype in known)]
-        for connection in chosen:
-            self._check_definition(connection)
-        if not chosen:
-            return
+        convert = {c.topic: self._converter(c) for c in chosen}
+        types = {c.topic: c.msgtype for c in chosen}
+        for topic, time, raw in self.stored_messages(types.keys()):
+            change = convert[topic]
+            if change is not None:
+                try:
+                    raw = change(raw)
+                except Exception as error:  # as when decoding
+                    text = f"{self.path}: topic '{topic}': message cannot be decoded ({reason(error)})"
+                    raise BagError(text) from None
+            yield topic, time, types[topic], raw
+
+    def stored_messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (topic, time [ns], message serialised as it was recorded) in order of time.
+
+        Raises:
+            BagError: truncated or corrupt.
+        """
+        streams = [file.messages(topics) for file in self._files] if topics else []
         try:
-            for connection, time, raw in self._reader.messages(chosen):
-                yield connection.topic, time, connection.msgtype, bytes(raw)
+            yield from heapq.merge(*streams, key=operator.itemgetter(1))
         except Exception as error:  # as when opening
-            raise BagError(f'{self.path}: truncated or corrupt ({_reason(error)})') from None
+            raise BagError(f'{self.path}: truncated or corrupt ({reason(error)})') from None
 
 
-def _reason(error: BaseException) -> str:
-    text = ' '.join(str(getattr(error, 'strerror', None) or error).split())
-    return text if text else type(error).__name__
+def _storage_files(directory: Path) -> list[Path]:
+    """Return the storage files of a recording that has no metadata.yaml, in their order.
 
-
-def _qos(topic: str) -> Qos:
-    """Return the QoS profile under which the contract publishes `topic`."""
-    latched = is_latched(topic)
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1 if latched else 10,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        _FOREVER,
-        _FOREVER,
-        QosLiveliness.AUTOMATIC,
-        _FOREVER,
-        avoid_ros_namespace_conventions=False,
-    )
-
-
-class BagWriter:
-    """Writes one rosbag2 recording under a temporary name and renames it when it is complete."""
-
-    def __init__(self, path: Path | str, storage: str = 'mcap', overwrite: bool = False) -> None:
-        """Create the recording.
-
-        Args:
-            path: directory of the recording.
-            storage: 'mcap' or 'sqlite3'.
-            overwrite: replace a recording that exists.
-
-        Raises:
-            BagError: it exists already, an unknown storage, or the path cannot be written.
-        """
-        self.path = Path(path)
-        if storage not in STORAGES:
-            raise BagError(f"storage '{storage}' is not valid{nearest(storage, list(STORAGES))}")
-        if self.path.exists():
-            if not overwrite:
-                raise BagError(f'{path}: exists already, not overwriting')
-            if not (self.path / 'metadata.yaml').exists():
-                raise BagError(f'{path}: exists and is no recording, not overwriting')
-        self._partial = self.path.parent / f'.{self.path.name}.partial-{os.getpid()}'
-        try:
-            self._partial.mkdir(parents=True)
-            self._writer = Writer(self._partial / self.path.name, version=9, storage_plugin=STORAGES[storage])
-            self._writer.open()
-        except _UNWRITABLE as error:
-            raise BagError(f'{path}: {_reason(error)}') from None
-        self._connections: dict[str, Connection] = {}
-        self.message_count = 0
-
-    def add_topic(self, topic: str, msgtype: str) -> None:
-        """Register a topic, so that the recording lists it even without a message."""
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(
-                topic, msgtype, typestore=typestore(), offered_qos_profiles=[_qos(topic)]
-            )
-
-    def write(self, topic: str, msgtype: str, time: int, message: Any) -> None:
-        """Write one message.
-
-        Args:
-            topic: absolute name.
-            msgtype: for instance 'drfmcw_msgs/msg/IfSamples'.
-            time: of reception or acquisition [ns].
-            message: serialised (CDR bytes), or a message object of rosbags.
-
-        Raises:
-            BagError: the disk is full or gone.
-        """
-        self.add_topic(topic, msgtype)
-        if not isinstance(message, bytes | bytearray | memoryview):
-            message = typestore().serialize_cdr(message, msgtype)
-        try:
-            self._writer.write(self._connections[topic], time, message)
-        except _UNWRITABLE as error:
-            raise BagError(f'{self.path}: {_reason(error)}') from None
-        self.message_count += 1
-
-    def close(self) -> None:
-        """Complete the recording and give it its name."""
-        try:
-            self._writer.close()
-            if self.path.exists():
-                shutil.rmtree(self.path)
-            (self._partial / self.path.name).rename(self.path)
-        except _UNWRITABLE as error:
-            raise BagError(f'{self.path}: {_reason(error)}') from None
-        finally:
-            shutil.rmtree(self._partial, ignore_errors=True)
-
-    def abort(self) -> None:
-        """Throw away what was written."""
-        self._writer.abort()
-        shutil.rmtree(self._partial, ignore_errors=True)
-
-    def __enter__(self) -> 'BagWriter':
-        """Return itself."""
-        return self
-
-    def __exit__(self, kind: type | None, *_: object) -> None:
-        """Close after success, abort after an exception."""
-        if kind is None:
-            self.close()
-        else:
-            self.abort()
+    Raises:
+        BagError: there is none, or they are several recordings.
+    """
+    files = sorted(f for f in directory.iterdir() if f.name.endswith(SUFFIXES) and not f.name.startswith('.'))
+    numbered = [re.fullmatch(r'(.+)_(\d+)(\.\D+)', f.name) for f in files]
+    parts = [(int(match[2]), file) for match, file in zip(numbered, files, strict=True) if match]
+    one_name = len(parts) == len(files) and len({(match[1], match[3]) for match in numbered if match}) == 1
+    if len(files) != 1 and not one_name:
+        raise BagError(f'{directory}: no rosbag2 recording (no metadata.yaml, {len(files)} storage files)')
+    return [file for _, file in sorted(parts)] if one_name else files

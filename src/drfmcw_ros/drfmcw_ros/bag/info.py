@@ -18,6 +18,7 @@ from ..cli import Parser, guarded
 from ..messages import from_message
 from ..topics import SITE_TOPICS, split_station_topic
 from .files import BagReader
+from .options import add_damage_option
 
 
 def describe(path: str) -> dict[str, Any]:
@@ -43,6 +44,9 @@ def describe(path: str) -> dict[str, Any]:
             'duration': (bag.end_time - bag.start_time) * 1e-9 if bag.message_count else 0.0,
             'messages': bag.message_count,
             'stations': stations,
+            'checksums': bag.checksums,
+            'unfinished': bag.unfinished,
+            'damages': bag.damages,
             'topics': recorded,
             'sweep_configs': sweeps,
             'calibrations': calibrations,
@@ -87,6 +91,8 @@ def _show(found: dict[str, Any], console: Console) -> None:
         noise = (c['noise_floor'], c['phase_noise_level'], c['phase_noise_corner'] / 1e3)
         clocks.add_row(c['station'], *(f'{v:.6g}' for v in (*values, *noise)))
     console.print(clocks)
+    if not found['checksums']:
+        console.print('note: not every message stands under a checksum', highlight=False)
     for topic in found['missing']:
         console.print(f'note: {topic} is missing', highlight=False)
 
@@ -94,8 +100,9 @@ def _show(found: dict[str, Any], console: Console) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     parser = Parser(prog='drfmcw info', description=__doc__)
-    parser.add_argument('recording', help='rosbag2 recording: directory, .mcap or .db3 file')
+    parser.add_argument('recording', help='rosbag2 recording: directory or storage file')
     parser.add_argument('--json', action='store_true', help='print everything as JSON')
+    add_damage_option(parser)
     arguments = parser.parse_args(argv)
 
     def work() -> None:

@@ -12,16 +12,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
 
 from drfmcw_physics.settings import ConfigurationError
 
 from .. import qos
 from ..cli import Parser, guarded, split_ros_arguments
-from ..diagnostics import WARN, Diagnostics, Status
+from ..diagnostics import ERROR, WARN, Diagnostics, Status
 from ..messages import message_class
 from ..runner import Finished, run
 from ..topics import is_latched, is_measured
-from .files import STORAGES, BagWriter, typestore
+from .background import BackgroundWriter, State
+from .files import STORAGES, BagWriter, UnwritableError, typestore
 
 _LOOK_PERIOD = 0.2  # how often new topics are looked for [s]
 
@@ -35,6 +37,7 @@ class RecorderSettings:
     duration: float = math.inf  # [s]
     storage: str = 'mcap'
     overwrite: bool = False
+    resume: bool = False
 
 
 class RecorderNode(Node):
@@ -48,8 +51,12 @@ class RecorderNode(Node):
         """
         super().__init__('recorder', **kwargs)
         self._settings = settings
-        self._writer = BagWriter(path, settings.storage, settings.overwrite)
+        self.path = path
+        writer = BagWriter(path, settings.storage, settings.overwrite, from_the_start=True, resume=settings.resume)
+        self._writer = BackgroundWriter(writer)
         self._completed = False
+        self._trouble = ''  # as last logged
+        self._lost_reported = 0
         self._counts: collections.Counter[str] = collections.Counter()
         self._known: set[str] = set()
         self._ignored: set[str] = set()
@@ -69,12 +76,15 @@ class RecorderNode(Node):
             if not self._wanted(topic) or kind not in typestore().fielddefs:
                 self._ignored.add(topic)
                 continue
-            if not self.get_publishers_info_by_topic(topic):
+            publishers = self.get_publishers_info_by_topic(topic)
+            if not publishers:
                 continue  # a subscriber alone: wait for someone who publishes
             self._known.add(topic)
             self._writer.add_topic(topic, kind)
             write = functools.partial(self._write, topic, kind)
-            profile = qos.latched_subscription(64) if is_latched(topic) else qos.DEEP
+            # what was published before the recording began, and still holds, belongs to it: settings, weather
+            latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+            profile = qos.latched_subscription(1000) if latched or is_latched(topic) else qos.DEEP
             qos.subscription(self, message_class(kind), topic, write, profile, batch=True, raw=True)
             self.get_logger().info(f'recording {topic}')
 
@@ -86,23 +96,51 @@ class RecorderNode(Node):
     def _write(self, topic: str, kind: str, messages: list[bytes]) -> None:
         now = time.time_ns()
         for raw in messages:
-            self._writer.write(topic, kind, now, raw)
+            self._writer.put(topic, kind, now, raw)
         self._counts[topic] += len(messages)
 
     def _diagnose(self, status: Status) -> None:
+        state = self._writer.state()
         if not self._known:
             status.report(WARN, 'nobody publishes what is to be recorded')
-        status.value('recording', self._writer.path)
+        if state.trouble:
+            status.report(ERROR, f'cannot write: {state.trouble}')
+        elif state.slow:
+            status.report(WARN, f'the disk is slow: nothing written for {state.delay:.1f} s')
+        if state.lost > self._lost_reported:
+            status.report(ERROR, f'{state.lost - self._lost_reported} messages lost: memory is full')
+        self._log(state)
+        self._lost_reported = state.lost
+        status.value('recording', self.path)
+        status.value('messages written', state.written)
+        status.value('messages lost', state.lost)
+        status.value('bytes waiting', state.waiting)
         for topic in sorted(self._known):
             status.value(topic, self._counts[topic])
+
+    def _log(self, state: State) -> None:
+        """Log when writing becomes impossible or possible, and while messages are lost."""
+        log = self.get_logger()
+        if state.trouble and not self._trouble:
+            log.error(f'cannot write: {state.trouble}; what is written stays, the rest waits in memory')
+        if self._trouble and not state.trouble:
+            log.info(f'writing again; {state.lost} messages lost so far')
+        if state.lost > self._lost_reported:
+            log.error(f'{state.lost} messages lost so far: memory is full', throttle_duration_sec=10.0)
+        self._trouble = state.trouble
 
     def destroy_node(self) -> None:
         """Complete the recording, whatever ended the process."""
         if not self._completed:
             self._completed = True
-            writer = self._writer
-            writer.close()
-            print(f'{writer.path}: {writer.message_count} messages on {len(self._known)} topics', flush=True)
+            try:
+                lost = self._writer.close()
+            except UnwritableError as error:
+                print(f'drfmcw record: {error}; what was written before can be read, and repaired', file=sys.stderr)
+            else:
+                count = sum(self._counts.values()) - lost
+                said = f'{self.path}: {count} messages on {len(self._known)} topics'
+                print(said + (f', {lost} lost' if lost else ''), flush=True)
         super().destroy_node()
 
 
@@ -117,6 +155,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--duration', type=float, default=math.inf, metavar='S', help='stop after S seconds')
     parser.add_argument('--storage', choices=sorted(STORAGES), default='mcap', help='storage format (default mcap)')
+    parser.add_argument('--resume', action='store_true', help='go on with a recording whose recorder died')
     parser.add_argument('--force', action='store_true', help='replace a recording of that name')
     return parser
 
@@ -126,7 +165,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     own, ros = split_ros_arguments(argv)
     arguments = _parser().parse_args(own)
     settings = RecorderSettings(
-        tuple(arguments.topic or ['*']), arguments.measured, arguments.duration, arguments.storage, arguments.force
+        tuple(arguments.topic or ['*']),
+        arguments.measured,
+        arguments.duration,
+        arguments.storage,
+        arguments.force,
+        arguments.resume,
     )
 
     def work() -> int:
