@@ -149,7 +149,7 @@ class SweepNode(Node):
                 sweeps.append(decompress_message(message))
             except (CompressionError, ConfigurationError) as error:
                 self.processor.sweeps += 1
-                self.processor.dropped['damaged compressed sweep'] += 1
+                self.processor.drop('damaged compressed sweep')
                 self.warn(f'compressed sweep {message.sweep_id} of {printable(message.station)}: {error}')
         self._take_sweeps(sweeps)
 

@@ -14,12 +14,18 @@ import numpy as np
 
 from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
 from ..estimators.estimation import Estimates, Estimator, EstimatorSettings, Flag
 from ..estimators.registry import estimator
 from .records import Beat, Spectrum, Sweep
+
+OTHER_REASONS = 'other reasons'
+"""Stands for what no longer counts by itself."""
+_MOST_REASONS = 32
+_LONGEST_REASON = 120
 
 
 class StationProcessor:
@@ -84,6 +90,11 @@ class StationProcessor:
         )
         return all(history is not None and history.at(sweep.stamp) is not None for history in histories)
 
+    def drop(self, reason: str) -> None:
+        """Count a sweep without a result; so many reasons, of so many letters, that what is outside cannot fill it."""
+        reason = printable_line(reason, _LONGEST_REASON)
+        self.dropped[reason if reason in self.dropped or len(self.dropped) < _MOST_REASONS else OTHER_REASONS] += 1
+
     def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
         """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
         return self._process(sweeps, 0)[0]
@@ -97,12 +108,9 @@ class StationProcessor:
         for index, sweep in enumerate(sweeps):
             chosen = self._estimator(sweep)
             samples = np.asarray(sweep.samples)
-            if isinstance(chosen, str):
-                self.dropped[chosen] += 1
-                continue
-            reason = refusal(sweep, samples, chosen.sweep.sample_count)
-            if reason:
-                self.dropped[reason] += 1
+            reason = chosen if isinstance(chosen, str) else refusal(sweep, samples, chosen.sweep.sample_count)
+            if isinstance(chosen, str) or reason:
+                self.drop(reason)
                 continue
             _, indices, rows = groups.setdefault(id(chosen), (chosen, [], []))
             indices.append(index)
