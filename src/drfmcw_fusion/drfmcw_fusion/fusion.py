@@ -268,6 +268,7 @@ class FusionNode(Node):
             status.report(WARN, self._fusion.reason)
         status.value('results without a partner', lost[0])
         status.value('results without settings', lost[1])
+        status.value('results that came twice', self._fusion.repeated)
         self._lost = lost
 
     def _diagnose_inputs(self, status: Status) -> None:

@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import math
 from collections.abc import Hashable
 
 from .feed import LARGEST_COUNT, Frame, decode_fragment, decode_whole, frame_size
@@ -14,6 +15,7 @@ SMALLEST_PIECE = 512
 """Bytes that the pieces of the largest frame must have on average: their number is limited."""
 LONGEST_WAIT = 1.0
 """For the last piece of a frame [s]."""
+_REMEMBERED = 256  # complete frames whose pieces may come once more
 OVERHEAD = 256
 """Bytes that a piece takes besides its content, in the count that the bound holds for."""
 
@@ -44,6 +46,9 @@ class FragmentAssembler:
         """Largest number of bytes in unfinished frames."""
         self._progress: dict[Hashable, collections.OrderedDict[int, _Unfinished]] = {}  # by sender
         self._used: collections.Counter[Hashable] = collections.Counter()  # bytes by sender
+        self._complete: collections.OrderedDict[tuple[Hashable, int], float] = collections.OrderedDict()
+        self.repeated = 0
+        """Pieces of frames that were complete already, since start."""
         self.malformed = 0
         """Datagrams or frames that were damaged, since start."""
         self.incomplete = 0
@@ -67,6 +72,9 @@ class FragmentAssembler:
         if piece is None or piece.count > self._largest:
             self.malformed += 1
             return None
+        if now - self._complete.get((sender, piece.number), -math.inf) <= LONGEST_WAIT:
+            self.repeated += 1
+            return None
         frames = self._progress.setdefault(sender, collections.OrderedDict())
         frame = frames.setdefault(piece.number, _Unfinished(piece.count, now))
         if frame.count != piece.count:  # the number stands for another frame by now
@@ -83,7 +91,12 @@ class FragmentAssembler:
             return None
         self._drop(sender, piece.number)
         complete = decode_whole(b''.join(frame.pieces[i] for i in range(frame.count)))
-        self.malformed += complete is None
+        if complete is None:
+            self.malformed += 1
+            return None
+        self._complete[sender, piece.number] = now
+        if len(self._complete) > _REMEMBERED:
+            self._complete.popitem(last=False)
         return complete
 
     def _make_room(self, sender: Hashable) -> None:

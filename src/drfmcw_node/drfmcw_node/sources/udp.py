@@ -55,6 +55,7 @@ class UdpSource(Source, name='udp'):
         return {
             'malformed frames': self.assembler.malformed,
             'incomplete frames': self.assembler.incomplete,
+            'repeated datagrams': self.assembler.repeated,
             'refused datagrams': self._refused,
             'frames of another sender': self._others,
         }
