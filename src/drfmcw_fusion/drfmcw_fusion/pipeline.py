@@ -190,6 +190,10 @@ class RangeFusion:
             fused.popitem(last=False)
         return self._fuse(partner, beat)
 
+    def waiting(self) -> int:
+        """Return the number of results that wait for their partner."""
+        return sum(map(len, self._waiting.values()))
+
     def _is_repeated(self, key: tuple[str, str], beat: Beat, waiting: Beat | None) -> bool:
         """Return whether the network brings a result that is fused already, or waits for its partner."""
         known = (beat.station, beat.sweep_id, beat.stamp) in self._fused.get(key, ())
