@@ -19,6 +19,7 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 
 from .processing.records import Sweep
 
+_FLAC_MAGIC = b'fLaC'
 _NOMINAL_RATE = 48000  # FLAC wants one; the true one stands in the sweep's settings
 
 
@@ -37,6 +38,8 @@ def _flac_compress(channels: np.ndarray) -> bytes:
 def _flac_decompress(data: bytes, shape: tuple[int, int]) -> np.ndarray:
     import soundfile
 
+    if not data.startswith(_FLAC_MAGIC):  # libsndfile would try all that it knows, MP3 too
+        raise CompressionError('no FLAC stream')
     try:
         with soundfile.SoundFile(io.BytesIO(data)) as file:
             if (file.format, file.frames, file.channels) != ('FLAC', *shape):

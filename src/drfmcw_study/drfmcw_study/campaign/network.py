@@ -29,6 +29,8 @@ from .measuring import (
     sweeps_of,
 )
 
+NETWORK_SWEEPS = 800
+"""Least number of a case, for the longest cut to end."""
 _BEAT_BITS = 8.0 * 250  # of a beat on the wire, with its headers
 _QUEUE = 0.3  # that a link of limited rate holds back before it drops [s]
 
@@ -189,9 +191,13 @@ def network_row(network: Network, sweeps: int, seed: int) -> NetworkRow:
     ]
     return NetworkRow(
         network.name,
-        *(sum(getattr(row, name) for row in rows) for name in ('sweeps', 'valid', 'wrong', 'beyond', 'resets')),
-        max(row.recovery for row in rows),
-        max(row.kept for row in rows),
+        sweeps=sum(row.sweeps for row in rows),
+        valid=sum(row.valid for row in rows),
+        wrong=sum(row.wrong for row in rows),
+        beyond=sum(row.beyond for row in rows),
+        resets=sum(row.resets for row in rows),
+        recovery=max(row.recovery for row in rows),
+        kept=max(row.kept for row in rows),
     )
 
 
