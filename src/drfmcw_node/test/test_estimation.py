@@ -257,7 +257,7 @@ def test_impossible_settings_are_refused():
 
 
 def sweep_at(stamp, number=0, **changes):
-    wave = 1000 * np.cos(2 * np.pi * 4.1e5 * instants(FIRST))
+    wave = 1000 * np.cos(2 * np.pi * 4.1e5 * instants(FIRST) + stamp)
     return Sweep('master', 'slave', number, FULL_SCALE, False, sampled(wave), stamp, **changes)
 
 

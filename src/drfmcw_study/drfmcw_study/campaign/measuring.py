@@ -147,13 +147,19 @@ def _settings(case: Case, m: Measurements) -> list[SweepSettings]:
     return [dataclasses.replace(s, mode=case.fault.said_mode) for s in found]
 
 
-def beats_of(case: Case, scenario: Scenario, m: Measurements, sweeps: list[Sweep]) -> list[Beat]:
-    """Return what the stations make of sweeps, in order."""
+def processor_of(case: Case, scenario: Scenario, m: Measurements) -> StationProcessor:
+    """Return a processor of both stations that knows settings and calibrations."""
     settings = EstimatorSettings(estimator=case.estimator)
     processor = PairProcessor(settings) if case.estimator == 'pair' else StationProcessor(settings)
     for sweep in _settings(case, m):
         processor.add_sweep_config(sweep)
         processor.add_calibration(scenario.calibration(sweep.station))
+    return processor
+
+
+def beats_of(case: Case, scenario: Scenario, m: Measurements, sweeps: list[Sweep]) -> list[Beat]:
+    """Return what the stations make of sweeps, in order."""
+    processor = processor_of(case, scenario, m)
     beats = processor.process(sweeps)
     if isinstance(processor, PairProcessor):
         beats += processor.finish()
