@@ -272,7 +272,7 @@ def test_processor_goes_by_stamp():
     processor.add_calibration(calibration('slave'))
     beats = processor.process([sweep_at(s, i) for i, s in enumerate((9, 10, 19, 20, 21))])
     assert [b.sweep_id for b in beats] == [1, 2, 3, 4]
-    assert np.round(np.diff([b.power for b in beats]), 9).tolist() == [0.0, 10.0, 0.0]
+    assert np.round(np.diff([b.power for b in beats]), 2).tolist() == [0.0, 10.0, 0.0]
     assert processor.dropped.total() == 3 and processor.sweeps == 7
     assert processor.process([sweep_at(20, 3)]) == beats[2:3]
 
