@@ -115,7 +115,7 @@ class StationProcessor:
             if isinstance(chosen, str) or reason:
                 self.drop(reason)
                 continue
-            if self._repeats(sweep, samples):
+            if self._holds_old_noise(sweep, samples):
                 self.drop(f'samples of {sweep.station} are in part those of the sweep before')
                 continue
             _, indices, rows = groups.setdefault(id(chosen), (chosen, [], []))
@@ -133,7 +133,7 @@ class StationProcessor:
                 beats[index], spectra[index] = beat, spectrum
         return [b for b in beats if b is not None], [s for s in spectra if s is not None]
 
-    def _repeats(self, sweep: Sweep, samples: np.ndarray) -> bool:
+    def _holds_old_noise(self, sweep: Sweep, samples: np.ndarray) -> bool:
         """Return whether a buffer was not, or not wholly, filled anew; remembers the sweep."""
         key = (sweep.station, sweep.peer)
         before = self._newest_samples.get(key)

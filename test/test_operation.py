@@ -18,7 +18,7 @@ from drfmcw_ros.operation.security import fast_dds_is_secure, policy, refuse_pre
 from drfmcw_ros.operation.watchdog import Watchdog
 from drfmcw_ros.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[1]
 UNITS = sorted((ROOT / 'src/drfmcw_ros/systemd').glob('*.service'))
 PAIRS = [('master', 'slave'), ('master', 'tower')]
 
