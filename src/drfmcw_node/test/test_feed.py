@@ -267,7 +267,8 @@ def test_a_frame_that_is_not_finished_is_given_up(running):
         slow.settimeout(WAIT)
         slow.sendall(encode(frame(1))[:200])
         assert slow.recv(1) == b''
-    assert source.counts()['disconnected clients'] == 1 and 'did not finish' in source.trouble()
+    until(lambda: source.counts()['disconnected clients'] == 1)
+    assert 'did not finish' in source.trouble()
 
 
 def test_a_second_digitiser_waits_while_the_first_one_sends(running, received):

@@ -187,7 +187,6 @@ class TcpSource(Source, name='tcp'):
         self._clients.remove(client)
         with contextlib.suppress(KeyError, ValueError):
             self._selector.unregister(client.connection)
-        client.close()
         self._counts['malformed frames'] += client.parser.malformed + client.parser.unfinished
         self._counts['skipped bytes'] += client.parser.skipped
         if reason:
@@ -196,3 +195,4 @@ class TcpSource(Source, name='tcp'):
         if client is self._active:
             self._active, self.connected = None, False
             client.heard = -math.inf
+        client.close()
