@@ -45,7 +45,7 @@ def test_watchdog_speaks_to_its_own_service_manager_only(manager):
 
 
 @pytest.mark.graph
-def test_a_node_tells_that_it_is_ready_alive_and_stopping(manager):
+def test_a_node_says_that_it_is_ready_alive_and_stopping(manager):
     listening, path = manager
     variables = {'NOTIFY_SOCKET': path, 'WATCHDOG_USEC': '400000', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
     node = subprocess.Popen([sys.executable, '-m', 'drfmcw_fusion.fusion'], env=os.environ | variables)

@@ -12,7 +12,7 @@ _SHORTEST = 0.05  # [s]
 
 
 class Watchdog:
-    """Tells the service manager that a process is ready, alive or stopping."""
+    """Says to the service manager that a process is ready, alive or stopping."""
 
     def __init__(self, environ: Mapping[str, str]) -> None:
         """Read NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID, which systemd sets for services of Type=notify."""

@@ -1,7 +1,6 @@
 """`drfmcw campaign`: faults against the nodes' own classes, counting ranges that are valid and wrong."""
 
 import argparse
-import concurrent.futures
 import dataclasses
 import json
 import math
@@ -9,12 +8,13 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 from rich.console import Console
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.processes import WorkFailed, unordered
 
 from .faults import Fault, faults
 from .fuzz import fuzz, summary
@@ -23,9 +23,19 @@ from .measuring import Counts, cases, measure
 from .network import NETWORK_SWEEPS, NetworkRow, network_row, network_table, networks
 from .report import Row, document, table
 
-R = TypeVar('R')
+R = TypeVar('R', Row, NetworkRow)
 
 _QUICK, _FULL = 100, 2000  # sweeps with the fault, per case
+
+
+@dataclasses.dataclass(frozen=True)
+class _Try:
+    """One fault to try, by name, since functions do not reach another process."""
+
+    fault: str  # or network
+    size: str  # '' of a network
+    sweeps: int
+    seed: int
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,7 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog='drfmcw campaign', description=__doc__)
     parser.add_argument('--quick', action='store_true', help=f'{_QUICK} sweeps per case instead of {_FULL}')
     parser.add_argument('--fault', action='append', metavar='NAME', help='only this fault (repeatable)')
-    parser.add_argument('--out', metavar='DIR', default='campaign', help='results; what is there is not tried again')
+    parser.add_argument(
+        '--out', metavar='DIR', default='campaign', help='results; an interrupted campaign resumes there'
+    )
     parser.add_argument('--report', metavar='FILE', help='write the report, as docs/reliability.md')
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N', help='processes (all cores)')
     parser.add_argument('--fuzz', type=float, metavar='MINUTES', help='fuzz all inputs instead, for so long')
@@ -68,51 +80,31 @@ def _made(name: str) -> Path:
 
 def _run(arguments: argparse.Namespace, console: Console) -> int:
     options = vars(arguments)
-    chosen = _chosen(options['fault'])
-    links = [] if options['fault'] else networks()
+    chosen, links = _chosen(options['fault']), [] if options['fault'] else networks()
     if options['jobs'] < 1:
         raise ConfigurationError(f'--jobs {options["jobs"]}: at least 1')
-    sweeps = _QUICK if options['quick'] else _FULL
+    sweeps, seed = _QUICK if options['quick'] else _FULL, options['seed']
     directory = _made(options['out'])
-    rows: list[Row] = []
-    of_links: list[NetworkRow] = []
-    with concurrent.futures.ProcessPoolExecutor(options['jobs']) as pool:
-        paths = [directory / f'{_file_name(fault)}_{sweeps}_{options["seed"]}.json' for fault in chosen]
-        tried = {
-            number: pool.submit(_row, fault.name, fault.size, sweeps, options['seed'])
-            for number, (fault, path) in enumerate(zip(chosen, paths, strict=True))
-            if not path.exists()
-        }
-        link_paths = [directory / f'network_{_plain(link.name)}_{sweeps}_{options["seed"]}.json' for link in links]
-        linked = {
-            number: pool.submit(network_row, link, max(sweeps, NETWORK_SWEEPS), options['seed'])
-            for number, (link, path) in enumerate(zip(links, link_paths, strict=True))
-            if not path.exists()
-        }
-        for number, path in enumerate(paths):
-            row = _kept(path, Row, tried.get(number))
-            rows.append(row)
-            console.print(f'{row.fault}, {row.size}: {row.wrong} of {row.sweeps} wrong', highlight=False)
-        for number, path in enumerate(link_paths):
-            of_link = _kept(path, NetworkRow, linked.get(number))
-            of_links.append(of_link)
-            console.print(f'{of_link.name}: {of_link.wrong} of {of_link.sweeps} wrong', highlight=False)
+    tries = [_Try(fault.name, fault.size, sweeps, seed) for fault in chosen]
+    tries += [_Try(link.name, '', max(sweeps, NETWORK_SWEEPS), seed) for link in links]
+    paths = [directory / f'{_file_name(order)}_{order.sweeps}_{seed}.json' for order in tries]
+    missing = [number for number, path in enumerate(paths) if not path.exists()]
+    try:
+        for number, row in unordered(_row, [tries[number] for number in missing], options['jobs']):
+            write_atomically(paths[missing[number]], json.dumps(dataclasses.asdict(row)) + '\n')
+            name = row.name if isinstance(row, NetworkRow) else f'{row.fault}, {row.size}'
+            console.print(f'{name}: {row.wrong} of {row.sweeps} wrong', highlight=False)
+    except WorkFailed as error:
+        raise ConfigurationError(f'a worker process died ({error}); call again to resume') from None
+    rows = [_read(path, Row) for path in paths[: len(chosen)]]
+    of_links = [_read(path, NetworkRow) for path in paths[len(chosen) :]]
     print(table(rows))
     if of_links:
         print(network_table(of_links))
     if options['report']:
-        command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {options["seed"]}'
+        command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {seed}'
         write_atomically(options['report'], document(rows, of_links, command))
     return 1 if any(row.wrong for row in rows) or any(row.wrong for row in of_links) else 0
-
-
-def _kept(path: Path, kind: Callable[..., R], tried: 'concurrent.futures.Future[R] | None') -> R:
-    """Return a row as it was found before, or as it is found now, and keep it."""
-    if tried is None:
-        return _read(path, kind)
-    row = tried.result()
-    write_atomically(path, json.dumps(dataclasses.asdict(cast(Any, row))) + '\n')
-    return row
 
 
 def _read(path: Path, kind: Callable[..., R]) -> R:
@@ -130,10 +122,13 @@ def _chosen(names: list[str] | None) -> list[Fault]:
     return [fault for fault in known if not names or fault.name in names]
 
 
-def _row(name: str, size: str, sweeps: int, seed: int) -> Row:
-    """Try a fault; by name, since functions do not reach another process."""
-    fault = next(fault for fault in faults() if (fault.name, fault.size) == (name, size))
-    found: list[Counts] = [measure(case) for case in cases(fault, sweeps, seed)]
+def _row(order: _Try) -> Row | NetworkRow:
+    """Try a fault or a network at all distances."""
+    if not order.size:
+        network = next(network for network in networks() if network.name == order.fault)
+        return network_row(network, order.sweeps, order.seed)
+    fault = next(fault for fault in faults() if (fault.name, fault.size) == (order.fault, order.size))
+    found: list[Counts] = [measure(case) for case in cases(fault, order.sweeps, order.seed)]
     return Row(
         fault.name,
         fault.size,
@@ -146,12 +141,8 @@ def _row(name: str, size: str, sweeps: int, seed: int) -> Row:
     )
 
 
-def _file_name(fault: Fault) -> str:
-    return _plain(f'{fault.name}_{fault.size}')
-
-
-def _plain(text: str) -> str:
-    return ''.join(c if c.isalnum() else '_' for c in text)
+def _file_name(order: _Try) -> str:
+    return ''.join(c if c.isalnum() else '_' for c in f'{order.fault}_{order.size or "network"}')
 
 
 if __name__ == '__main__':
