@@ -328,8 +328,7 @@ class TestJointDrive:
         def answered() -> bool:
             """Send another one: what was sent before the other side found this one too is lost."""
             number = next(numbers)
-            samples = np.array(last.samples)
-            samples[0] = number % 100  # a buffer read twice would be dropped
+            samples = np.roll(last.samples, number % 100 + 1)  # a buffer read twice would be dropped
             sender.publish(to_message(dataclasses.replace(last, sweep_id=number, samples=samples), IfSamples))
             time.sleep(0.1)
             return any(b.sweep_id >= sweeps for b in list(beats))

@@ -1,5 +1,7 @@
 """Installs drfmcw_ros where ROS 2 looks for it."""
 
+from glob import glob
+
 from setuptools import find_packages, setup
 
 NAME = 'drfmcw_ros'
@@ -11,6 +13,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         ('share/' + NAME, ['package.xml']),
+        ('share/' + NAME + '/systemd', sorted(glob('systemd/*.service'))),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
@@ -24,6 +27,7 @@ setup(
             'record = drfmcw_ros.bag.record:main',
             'info = drfmcw_ros.bag.info:main',
             'repair = drfmcw_ros.bag.repair:main',
+            'keystore = drfmcw_ros.operation.keystore:main',
         ],
     },
 )

@@ -152,8 +152,10 @@ class FusionNode(Node):
         """Return what `take` makes of a message; an implausible one is refused with the reason, and counted."""
         station = getattr(message, 'station', '')
         try:
-            if station and station not in self._stations:
-                raise ConfigurationError(f'station = {printable(station)} is in none of the pairs')
+            for field in ('station', 'peer'):  # what is kept by these names stays as large as the pairs make it
+                name = getattr(message, field, '')
+                if name and name not in self._stations:
+                    raise ConfigurationError(f'{field} = {printable(name)} is in none of the pairs')
             return take()
         except ConfigurationError as error:
             self._refused += 1
@@ -292,6 +294,7 @@ class FusionNode(Node):
             status.report(WARN, self._fusion.reason)
         status.value('results without a partner', lost[0])
         status.value('results without settings', lost[1])
+        status.value('results that came twice', self._fusion.repeated)
         self._lost = lost
 
     def _diagnose_inputs(self, status: Status) -> None:

@@ -23,6 +23,7 @@ from .settings import FusionSettings
 from .tracking import STANDING, UNKNOWN, doppler_range_rate
 
 _WAITING_LIMIT = 4096  # unpaired results kept per pair of stations
+_FUSED_LIMIT = 4096  # results whose repetition is recognised, per pair of stations
 
 
 class Flag(enum.IntFlag):
@@ -98,6 +99,8 @@ class RangeFusion:
         self._weather: dict[str, History[float]] = {k: History() for k in ('temperature', 'pressure', 'humidity')}
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._monitors: dict[tuple[str, str], PairMonitor] = {}
+        self._fused: dict[tuple[str, str], OrderedDict[tuple[str, int, int], None]] = {}
+        self.repeated = 0  # results that came once more
         self.unpaired = 0  # results whose partner never came
         self.without_settings = 0  # results of stations whose sweep settings are not known
         self.reason = ''  # why the last result was dropped
@@ -166,6 +169,8 @@ class RangeFusion:
         key = (min(beat.station, beat.peer), max(beat.station, beat.peer))
         waiting = self._waiting.setdefault(key, OrderedDict())
         partner, _ = waiting.get(beat.sweep_id, (None, 0.0))
+        if self._is_repeated(key, beat, partner):
+            return None
         # the same number further apart is one of another run
         if (
             partner is None
@@ -178,7 +183,23 @@ class RangeFusion:
             self._drop_overdue(waiting, arrival)
             return None
         del waiting[beat.sweep_id]
+        fused = self._fused.setdefault(key, OrderedDict())
+        for each in (partner, beat):
+            fused[each.station, each.sweep_id, each.stamp] = None
+        while len(fused) > _FUSED_LIMIT:
+            fused.popitem(last=False)
         return self._fuse(partner, beat)
+
+    def waiting(self) -> int:
+        """Return the number of results that wait for their partner."""
+        return sum(map(len, self._waiting.values()))
+
+    def _is_repeated(self, key: tuple[str, str], beat: Beat, waiting: Beat | None) -> bool:
+        """Return whether the network brings a result that is fused already, or waits for its partner."""
+        known = (beat.station, beat.sweep_id, beat.stamp) in self._fused.get(key, ())
+        waits = waiting is not None and (waiting.station, waiting.stamp) == (beat.station, beat.stamp)
+        self.repeated += known or waits
+        return known or waits
 
     def _drop_overdue(self, waiting: OrderedDict[int, tuple[Beat, float]], now: float) -> None:
         while waiting:

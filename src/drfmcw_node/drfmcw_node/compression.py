@@ -19,6 +19,7 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 
 from .processing.records import Sweep
 
+_FLAC_MAGIC = b'fLaC'
 _NOMINAL_RATE = 48000  # FLAC wants one; the true one stands in the sweep's settings
 
 
@@ -37,9 +38,14 @@ def _flac_compress(channels: np.ndarray) -> bytes:
 def _flac_decompress(data: bytes, shape: tuple[int, int]) -> np.ndarray:
     import soundfile
 
+    if not data.startswith(_FLAC_MAGIC):  # libsndfile would try all that it knows, MP3 too
+        raise CompressionError('no FLAC stream')
     try:
-        return soundfile.read(io.BytesIO(data), dtype='int16', always_2d=True)[0]
-    except (soundfile.LibsndfileError, RuntimeError) as error:
+        with soundfile.SoundFile(io.BytesIO(data)) as file:
+            if (file.format, file.frames, file.channels) != ('FLAC', *shape):
+                raise CompressionError(f'{file.frames} x {file.channels} samples of {file.format}, not {shape}')
+            return file.read(dtype='int16', always_2d=True)
+    except (soundfile.LibsndfileError, RuntimeError, ValueError, TypeError) as error:
         raise CompressionError(f'no FLAC stream ({error})') from None
 
 
@@ -53,11 +59,12 @@ def _zlib_compress(channels: np.ndarray) -> bytes:
 def _zlib_decompress(data: bytes, shape: tuple[int, int]) -> np.ndarray:
     count = shape[0] * shape[1]
     try:
-        planes = np.frombuffer(zlib.decompress(data), np.uint8)
+        stream = zlib.decompressobj()
+        planes = np.frombuffer(stream.decompress(data, 2 * count + 1), np.uint8)  # however much is packed into it
     except zlib.error as error:
         raise CompressionError(f'no zlib stream ({error})') from None
-    if len(planes) != 2 * count:
-        raise CompressionError(f'{len(planes) // 2} samples instead of {count}')
+    if len(planes) != 2 * count or not stream.eof:
+        raise CompressionError(f'not the {count} samples that it states')
     bits = np.unpackbits(planes, count=16 * count).reshape(16, count)
     zigzag = np.packbits(np.ascontiguousarray(bits.T), axis=1).view('<u2').astype(np.int32)
     return ((zigzag >> 1) ^ -(zigzag & 1)).astype(np.int16).reshape(shape)

@@ -6,6 +6,7 @@ ros2 run drfmcw_node send_sweeps RECORDING --station master --to tcp://127.0.0.1
 import argparse
 import select
 import socket
+import ssl
 import sys
 import time
 import urllib.parse
@@ -15,10 +16,22 @@ from typing import Any
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 
-from .sources.feed import Frame, decode_requests, encode, encode_fragments
+from .sources.feed import FRAGMENT_PAYLOAD, SEALED_PAYLOAD, Frame, decode_requests, encode, encode_fragments
 from .sources.recording import recorded_frames
+from .sources.sealing import (
+    HELLO_SIZE,
+    TO_DIGITISER,
+    TO_STATION,
+    SealedStream,
+    SealError,
+    decode_hello,
+    read_key,
+    seal,
+)
 
 _RETRY = 1.0  # [s]
+_TIMEOUT = 5.0  # of a connection [s]
+_LARGEST_REQUEST = 1024  # [bytes]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,6 +42,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--to', required=True, metavar='tcp://HOST:PORT', help='or udp://HOST:PORT, the station node')
     parser.add_argument('--rate', type=float, default=0.0, metavar='HZ', help='sweeps per second (as recorded)')
     parser.add_argument('--repeat', type=int, default=1, metavar='N', help='send the recording N times (default: 1)')
+    parser.add_argument('--key', default='', metavar='FILE', help='key that the station shares (its feed_key)')
+    parser.add_argument('--tls-ca', metavar='FILE', help='authority of the station (PEM): connect with TLS')
+    parser.add_argument('--tls-certificate', metavar='FILE', help='certificate chain to show to the station (PEM)')
+    parser.add_argument('--tls-key', metavar='FILE', help='private key of that certificate (PEM)')
     parser.add_argument('--now', action='store_true', help='stamp sweeps with the time of sending')
     arguments = parser.parse_args(argv)
     return guarded(parser.prog, lambda: _send(arguments))
@@ -45,7 +62,10 @@ def _send(arguments: argparse.Namespace) -> None:
     if arguments.rate < 0.0 or arguments.repeat < 1:
         raise ConfigurationError('--rate must not be negative and --repeat at least 1')
     _, sweeps = recorded_frames(arguments.recording, arguments.station)
-    sender = _TcpSender(address) if target.scheme == 'tcp' else _UdpSender(address)
+    key, context = read_key(arguments.key), _tls(arguments)
+    if context is not None and target.scheme != 'tcp':
+        raise ConfigurationError('--tls-ca: TLS needs tcp://; udp:// takes --key')
+    sender = _TcpSender(address, key, context) if target.scheme == 'tcp' else _UdpSender(address, key)
     span = sweeps[-1][0].stamp - sweeps[0][0].stamp + 1_000_000
     start, sent = time.monotonic(), 0
     for round_number in range(arguments.repeat):
@@ -71,13 +91,30 @@ def _send(arguments: argparse.Namespace) -> None:
     print(f'{sent} sweeps sent to {arguments.to}')
 
 
+def _tls(arguments: argparse.Namespace) -> ssl.SSLContext | None:
+    """Return what TLS needs, None where it is not asked for."""
+    if not arguments.tls_ca:
+        if arguments.tls_certificate or arguments.tls_key:
+            raise ConfigurationError('--tls-certificate and --tls-key need --tls-ca')
+        return None
+    try:
+        context = ssl.create_default_context(cafile=arguments.tls_ca)
+        if arguments.tls_certificate:
+            context.load_cert_chain(arguments.tls_certificate, arguments.tls_key)
+    except OSError as error:
+        raise ConfigurationError(f'--tls-ca, --tls-certificate, --tls-key: {error}') from None
+    return context
+
+
 class _TcpSender:
     """Connects, and connects again where the station went away."""
 
-    def __init__(self, address: tuple[str, int]) -> None:
-        self._address = address
+    def __init__(self, address: tuple[str, int], key: bytes, context: ssl.SSLContext | None) -> None:
+        self._address, self._key, self._context = address, key, context
         self._socket: socket.socket | None = None
         self._received = b''
+        self._session, self._number = b'', 0
+        self._requests: SealedStream | None = None
 
     def send(self, frame: Frame) -> None:
         """Send one frame; wait for the station where it is not there."""
@@ -85,14 +122,17 @@ class _TcpSender:
         while True:
             try:
                 if self._socket is None:
-                    self._socket = socket.create_connection(self._address, timeout=5.0)
-                self._socket.sendall(data)
+                    self._socket = self._connected()
+                message = data
+                if self._key:
+                    message = seal(data, self._key, TO_STATION, self._number, self._session)
+                    self._number += 1
+                self._socket.sendall(message)
                 self._say_requests(self._socket)
                 return
-            except OSError as error:
+            except (OSError, SealError) as error:
                 print(f'send_sweeps: {self._address[0]}:{self._address[1]}: {error}; trying again', file=sys.stderr)
-                if self._socket is not None:
-                    self._socket.close()
+                self.close()
                 self._socket = None
                 time.sleep(_RETRY)
 
@@ -101,12 +141,34 @@ class _TcpSender:
         if self._socket is not None:
             self._socket.close()
 
+    def _connected(self) -> socket.socket:
+        """Return a connection, with the session of a station that has a key."""
+        made = socket.create_connection(self._address, timeout=_TIMEOUT)
+        try:
+            if self._context is not None:
+                made = self._context.wrap_socket(made, server_hostname=self._address[0])
+            if self._key:
+                hello = b''
+                while len(hello) < HELLO_SIZE:
+                    received = made.recv(HELLO_SIZE - len(hello))
+                    if not received:
+                        raise ConnectionError('the station closed the connection')
+                    hello += received
+                self._session, self._number = decode_hello(hello), 0
+                self._requests = SealedStream(self._key, self._session, TO_DIGITISER, _LARGEST_REQUEST)
+        except BaseException:
+            made.close()
+            raise
+        return made
+
     def _say_requests(self, connection: socket.socket) -> None:
         """Show what the station asks for; a recording cannot follow it."""
         while select.select([connection], [], [], 0.0)[0]:
             data = connection.recv(4096)
             if not data:
                 raise ConnectionError('the station closed the connection')
+            if self._requests is not None:
+                data = self._requests.feed(data)
             requests, self._received = decode_requests(self._received + data)
             for request in requests:
                 print(f'requested: mode {request.mode}, start_delay {request.start_delay:g} s, peer {request.peer!r}')
@@ -115,18 +177,22 @@ class _TcpSender:
 class _UdpSender:
     """Sends datagrams, whether or not someone receives them."""
 
-    def __init__(self, address: tuple[str, int]) -> None:
+    def __init__(self, address: tuple[str, int], key: bytes) -> None:
+        self._key = key
         try:
             family, kind, _, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise ConfigurationError(f'{address[0]}:{address[1]}: {error}') from None
         self._address: Any = found  # whose form depends on the family
         self._socket = socket.socket(family, kind)
-        self._number = 0
+        self._number = self._newest = 0
 
     def send(self, frame: Frame) -> None:
         """Send one frame."""
-        for datagram in encode_fragments(frame, self._number):
+        for datagram in encode_fragments(frame, self._number, SEALED_PAYLOAD if self._key else FRAGMENT_PAYLOAD):
+            if self._key:
+                self._newest = max(time.time_ns(), self._newest + 1)
+                datagram = seal(datagram, self._key, TO_STATION, self._newest)
             self._socket.sendto(datagram, self._address)
         self._number += 1
 

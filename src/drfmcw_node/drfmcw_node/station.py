@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from drfmcw_msgs.msg import CompressedIfSamples
 
+from drfmcw_physics.plausible import printable
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
@@ -19,10 +20,12 @@ from .compression import compress
 from .processing.processor import StationProcessor
 from .processing.records import Sweep
 from .sources.source import Source
-from .station_settings import StationNames, StationSettings, check_complete
+from .station_settings import StationNames, StationSettings, check_complete, is_station_name
 from .sweep_node import SweepNode, run_named
 from .sweep_owner import FeedOwner, SweepOwner
 
+_MOST_PEERS = 64  # each makes a subscription
+_LONGEST_REASON = 200  # in a diagnostics value
 _GATHER = 0.8e-3  # of sweeps that are evaluated together [s]
 
 
@@ -84,7 +87,12 @@ class StationNode(SweepNode):
     # --- settings and peers ---
 
     def _concerns(self, station: str, peer: str) -> bool:
-        return station == self._names.station
+        if station != self._names.station or peer == station or peer in self._peers:
+            return station == self._names.station
+        if is_station_name(peer) and len(self._peers) < _MOST_PEERS:
+            return True
+        self.warn(f'sweep_config: peer {printable(peer)} is no name of a topic, or one too many')
+        return False
 
     def _add_sweep_config(self, settings: SweepSettings) -> None:
         super()._add_sweep_config(settings)
@@ -148,6 +156,10 @@ class StationNode(SweepNode):
         status.value('connected', source.connected)
         for name, count in source.counts().items():
             status.value(name, count)
+        if source.trouble():
+            status.value('last refusal', source.trouble()[:_LONGEST_REASON])
+        if source.caution():
+            status.report(WARN, source.caution())
         if not source.connected:
             status.report(WARN if source.brings_settings else ERROR, 'not connected')
 

@@ -29,6 +29,7 @@ from .processing.records import Beat, Spectrum, Sweep
 from .station_settings import SpectrumSettings, is_station_name
 
 _REPORT_INTERVAL = 10.0  # between repetitions of the same warning [s]
+_MOST_REPORTS = 20  # different warnings in that time
 _LATCHED_DEPTH = 32  # settings for so many peers
 
 T = TypeVar('T')
@@ -149,7 +150,7 @@ class SweepNode(Node):
                 sweeps.append(decompress_message(message))
             except (CompressionError, ConfigurationError) as error:
                 self.processor.sweeps += 1
-                self.processor.dropped['damaged compressed sweep'] += 1
+                self.processor.drop('damaged compressed sweep')
                 self.warn(f'compressed sweep {message.sweep_id} of {printable(message.station)}: {error}')
         self._take_sweeps(sweeps)
 
@@ -198,11 +199,12 @@ class SweepNode(Node):
             self.processor.settings = settings
 
     def warn(self, text: str) -> None:
-        """Log a warning, the same one at most every ten seconds."""
+        """Log a warning, the same one at most every ten seconds, and no more different ones than `_MOST_REPORTS`."""
         now = time.monotonic()
-        if now - self._reported.get(text, -math.inf) > _REPORT_INTERVAL:
-            if len(self._reported) > 100:
-                self._reported.clear()
+        if now - self._reported.get(text, -math.inf) <= _REPORT_INTERVAL:
+            return
+        self._reported = {known: at for known, at in self._reported.items() if now - at <= _REPORT_INTERVAL}
+        if len(self._reported) < _MOST_REPORTS:  # what comes from outside can differ each time
             self._reported[text] = now
             self.get_logger().warning(text)
 

@@ -257,7 +257,7 @@ def test_impossible_settings_are_refused():
 
 
 def sweep_at(stamp, number=0, **changes):
-    wave = 1000 * np.cos(2 * np.pi * 4.1e5 * instants(FIRST))
+    wave = 1000 * np.cos(2 * np.pi * 4.1e5 * instants(FIRST) + stamp)
     return Sweep('master', 'slave', number, FULL_SCALE, False, sampled(wave), stamp, **changes)
 
 
@@ -272,7 +272,7 @@ def test_processor_goes_by_stamp():
     processor.add_calibration(calibration('slave'))
     beats = processor.process([sweep_at(s, i) for i, s in enumerate((9, 10, 19, 20, 21))])
     assert [b.sweep_id for b in beats] == [1, 2, 3, 4]
-    assert np.round(np.diff([b.power for b in beats]), 9).tolist() == [0.0, 10.0, 0.0]
+    assert np.round(np.diff([b.power for b in beats]), 2).tolist() == [0.0, 10.0, 0.0]
     assert processor.dropped.total() == 3 and processor.sweeps == 7
     assert processor.process([sweep_at(20, 3)]) == beats[2:3]
 

@@ -1,18 +1,24 @@
 """The digitiser's feed: what is sent arrives, and damage costs only what it hit."""
 
+import contextlib
 import dataclasses
 import math
 import socket
+import struct
 import threading
+import time
+import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drfmcw_node.processing.processor import StationProcessor
+from drfmcw_node.processing.records import Sweep
 from drfmcw_node.sources.feed import (
     HEADER_SIZE,
-    FragmentAssembler,
     Frame,
     FrameParser,
     Request,
@@ -21,6 +27,7 @@ from drfmcw_node.sources.feed import (
     encode_fragments,
     encode_request,
 )
+from drfmcw_node.sources.reassembly import FragmentAssembler
 from drfmcw_node.sources.sockets import SocketSettings
 from drfmcw_node.sources.tcp import TcpSource
 from drfmcw_node.sources.udp import UdpSource
@@ -189,3 +196,185 @@ def test_address_in_use_is_said(received):
         port = other.getsockname()[1]
         with pytest.raises(ConfigurationError, match=f'ip_port {port}'):
             opened(TcpSource, received, port)
+
+
+# --- clients that are slow, silent, hostile ---
+
+
+def rubbish(count, seed=1):
+    return np.random.default_rng(seed).bytes(count)
+
+
+@pytest.fixture
+def running(received):
+    """Return a function that starts a source; it ends with the test."""
+    started = []
+
+    def start(kind, **changes):
+        source = kind(
+            'master',
+            SocketSettings(ip_port=0, **changes),
+            deliver=received.deliver,
+            failed=received.errors.append,
+        )
+        source.start()
+        started.append(source)
+        return source
+
+    yield start
+    for source in started:
+        source.stop()
+    assert not received.errors
+
+
+def connected(source):
+    return socket.create_connection(('127.0.0.1', source.port), WAIT)
+
+
+def until(condition):
+    """Wait for something that another thread does."""
+    for _ in range(round(WAIT / 0.01)):
+        if condition():
+            return
+        time.sleep(0.01)
+    raise AssertionError('it did not happen')
+
+
+@pytest.mark.parametrize(
+    'sent', [b'', b'D', encode(frame(7))[:500], rubbish(300)], ids=['silent', 'drip', 'slow', 'noise']
+)
+def test_clients_that_do_not_deliver_lock_nobody_out(sent, running, received):
+    """As many as may connect, ten times over, before the digitiser does; it is heard all the same."""
+    source = running(TcpSource)
+    with contextlib.ExitStack() as open_ones:
+        for _ in range(80):
+            idle = open_ones.enter_context(connected(source))
+            with contextlib.suppress(OSError):
+                idle.sendall(sent)
+        with connected(source) as digitiser:
+            digitiser.sendall(encode(frame(1)))
+            assert received.until(1) == [1]
+            for _ in range(20):
+                open_ones.enter_context(connected(source))
+            digitiser.sendall(encode(frame(2)))
+            assert received.until(2) == [1, 2]
+    until(lambda: source.counts()['connections'] == 101)
+
+
+def test_a_frame_that_is_not_finished_is_given_up(running):
+    source = running(TcpSource, feed_timeout=0.3)
+    with connected(source) as slow:
+        slow.settimeout(WAIT)
+        slow.sendall(encode(frame(1))[:200])
+        assert slow.recv(1) == b''
+    until(lambda: source.counts()['disconnected clients'] == 1)
+    assert 'did not finish' in source.trouble()
+
+
+def test_a_second_digitiser_waits_while_the_first_one_sends(running, received):
+    """Its frames come after those of the first; none of both is mixed in between."""
+    source = running(TcpSource)
+    with connected(source) as first, connected(source) as second:
+        first.sendall(encode(frame(1)))
+        received.until(1)
+        second.sendall(encode(frame(100)))
+        for number in range(2, 30):
+            first.sendall(encode(frame(number)))
+            received.until(number)
+        assert received.until(30) == [*range(1, 30), 100]
+
+
+def test_headers_that_promise_much_cost_little(running, received):
+    """Whole headers of frames as large as allowed, one in the other: the checksums of all would take minutes."""
+    source = running(TcpSource)
+    header = bytearray(encode(frame(1, 0))[:84])
+    header[48:52] = (1 << 20).to_bytes(4, 'little')
+    evil = bytes(header) + zlib.crc32(header).to_bytes(4, 'little')
+    with connected(source) as client:
+        with contextlib.suppress(OSError):
+            client.sendall(evil * 30_000)
+        with connected(source) as digitiser:
+            digitiser.sendall(encode(frame(1)))
+            assert received.until(1) == [1]
+    assert source.counts()['malformed frames'] < 50
+
+
+def test_unfinished_datagrams_take_bounded_memory(running, received):
+    """30 000 pieces of frames that never end, and the digitiser's frame among them is complete.
+
+    The socket may lose datagrams that come faster than they are read, so the digitiser sends until it is heard.
+    """
+    source = running(UdpSource, feed_samples=1 << 16)
+    tracemalloc.start()
+    with udp_socket() as hostile, udp_socket() as digitiser:
+        for number in range(30_000):
+            header = struct.pack('<4sBBHHHI', b'DRFU', 1, 0, number % 200, 201, 0, number // 200)
+            hostile.sendto(header + bytes(1 + 1399 * (number % 2)), ('127.0.0.1', source.port))
+            assert number % 100 or source.assembler.held <= source.assembler.bound
+        for number in range(1, 200):
+            for datagram in encode_fragments(frame(number, 2048), number):
+                digitiser.sendto(datagram, ('127.0.0.1', source.port))
+            time.sleep(0.01)
+            if received.frames:
+                break
+    received.until(1)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert source.assembler.bound < 500_000
+    assert peak < 4_000_000  # the bound, and what the test itself and the received frames take
+    assert source.assembler.incomplete > 30
+
+
+def test_assembler_keeps_its_bound_and_drops_the_greedy():
+    """Pieces of one byte and of 1400, many senders: the count stays within the bound, and a modest sender is served."""
+    assembler = FragmentAssembler(largest_count=4096)
+    rng = np.random.default_rng(3)
+    modest = list(encode_fragments(frame(5, 2048), 5))
+    assert assembler.feed(modest[0], 'modest') is None
+    for _ in range(20_000):
+        number, index, size = (int(rng.integers(high)) for high in (50, 16, 1400))
+        header = struct.pack('<4sBBHHHI', b'DRFU', 1, 0, index, 17, 0, number)
+        assembler.feed(header + bytes(size + 1), f'greedy {rng.integers(3)}')
+        assert assembler.held <= assembler.bound
+    found = [assembler.feed(datagram, 'modest') for datagram in modest[1:]]
+    assert found[-1] is not None and found[-1].sweep_id == 5
+
+
+def test_pieces_are_given_up_after_a_while():
+    assembler = FragmentAssembler()
+    first, second, third = encode_fragments(frame(1, 2048), 1)
+    assembler.feed(first, now=0.0)
+    assembler.feed(second, now=0.9)
+    assert assembler.feed(third, now=1.1) is None
+    assert assembler.incomplete == 1 and assembler.held < 2000
+
+
+def udp_socket():
+    return socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+
+def test_senders_that_are_not_listed_are_not_heard(running, received):
+    tcp, udp = running(TcpSource, feed_from='10.0.0.0/8'), running(UdpSource, feed_from='10.0.0.0/8,::1')
+    with connected(tcp) as client, udp_socket() as sender:
+        client.settimeout(WAIT)
+        assert client.recv(1) == b''
+        for datagram in encode_fragments(frame(1), 1):
+            sender.sendto(datagram, ('127.0.0.1', udp.port))
+        until(lambda: udp.counts()['refused datagrams'])
+    assert tcp.counts()['refused connections'] == 1 and not received.frames
+    with pytest.raises(ConfigurationError, match='feed_from'):
+        SocketSettings(feed_from='10.0.0.0/40')
+
+
+# --- names from outside ---
+
+
+def test_reasons_of_dropped_sweeps_are_bounded():
+    """Sweeps with a thousand names: as many diagnostics keys as there may be, each on one short line."""
+    processor = StationProcessor()
+    for number in range(1000):
+        samples = np.zeros(16, np.int16)
+        peer = f'peer{number}\n' + 'x' * 90
+        processor.process([Sweep('master', peer, number, 8192.0, False, samples, number, '')])
+    assert len(processor.dropped) == 33 and processor.dropped.total() == 1000
+    assert all(key.isprintable() and len(key) <= 120 for key in processor.dropped)

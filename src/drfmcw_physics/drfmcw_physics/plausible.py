@@ -124,6 +124,12 @@ def printable(text: str, longest: int = 40) -> str:
     return repr(text if len(text) <= longest else text[:longest] + '...')
 
 
+def printable_line(text: str, longest: int = 200) -> str:
+    """Return text that names from outside are part of, on one line of printable letters, short enough for a key."""
+    line = ''.join(c if c.isprintable() else '?' for c in text)
+    return line if len(line) <= longest else line[: longest - 3] + '...'
+
+
 def _sweep_config(message: Any) -> str:
     if abs(message.bandwidth) < 1e3:
         return f'bandwidth = {message.bandwidth:g} Hz is no sweep'

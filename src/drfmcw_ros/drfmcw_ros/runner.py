@@ -1,6 +1,7 @@
 """Running a node as a process: start, spin, and a clean end on Ctrl-C, SIGTERM or a wrong configuration."""
 
 import gc
+import os
 import signal
 import sys
 import time
@@ -17,6 +18,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
+
+from .operation.security import refuse_pretence
+from .operation.watchdog import Watchdog
 
 RCLError: type[Exception] = rclpy_implementation.RCLError
 _LOG_INTERVAL = 10.0  # between two lines about failing callbacks [s]
@@ -39,6 +43,12 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
     Returns:
         0 after a clean end, 2 after a wrong configuration (one line on stderr names it).
     """
+    try:
+        refuse_pretence(os.environ)
+    except ConfigurationError as error:
+        print(f'drfmcw: {error}', file=sys.stderr)
+        return 2
+    watchdog = Watchdog(os.environ)
     signal.signal(signal.SIGINT, _stop)
     signal.signal(signal.SIGTERM, _stop)
     node = None
@@ -47,6 +57,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         node = node_class(**kwargs)
         executor = SingleThreadedExecutor()  # rclpy 7.1's EventsExecutor keeps a core busy without serving
         executor.add_node(node)
+        watchdog.attach(node)
         gc.freeze()  # what was made so far stays: not to be looked through again between sweeps
         spin(executor, node)
     except (KeyboardInterrupt, ExternalShutdownException, Finished):
@@ -63,6 +74,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         # a second signal while cleaning up must not end in a traceback
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        watchdog.stopping()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

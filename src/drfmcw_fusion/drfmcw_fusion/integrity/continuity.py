@@ -21,6 +21,7 @@ _SCATTER_MINIMUM = 12  # and how many it takes
 _SCATTER_DOUBT = 3.0  # times the stated standard deviation
 _SCATTER_REFUSAL = 5.0
 _MEDIAN = 0.6745  # of the absolute value of a normal deviate
+_LAG = 0.66  # by which a parabola through five sweeps misses a velocity that begins to change, over a dt at most
 _SUPPORT = 5  # ranges that a track needs to refuse another one for good
 _STEADY = 10  # ranges that a shorter track needs to be taken for the direct path
 _LARGEST_Z = 100.0
@@ -116,7 +117,8 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     together = _same_phases(state.other, continued, measured, limits)
     beside = None if together is False else state.other
     track, motion, innovation, std, slack = _extended(state.main, beside, measured, limits)
-    gate = GATE * max(scale, 1.0) * std + slack
+    lag = _lag(state.main, track, measured, limits)
+    gate = GATE * max(scale, 1.0) * std + slack + lag
     if not settings.monitor:
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
     verdict = _scatter_verdict(scale, measured.std)
@@ -137,11 +139,9 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         return State(track, None, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
     other = continued or _branch(state.main, measured)
     verdict &= refuse(Test.CONTINUITY)
-    if _takes_over(state.main, other, innovation, settings):
+    if _takes_over(state.main, other, innovation, measured.resolution, settings):
         motion = other.tracker.coast(measured.stamp)
-        # nearer than another line could be, it is no other path: one of both tracks is wrong, and which is not known
-        unclear = abs(innovation) < measured.resolution and state.main.count >= _SUPPORT
-        doubt = math.hypot(state.doubt, innovation) if unclear else state.doubt
+        doubt = _doubt_after(state, innovation, slack, measured.resolution)
         return State(other, None, measured.stamp, doubt=doubt), Outcome(motion, verdict, gate, scale)
     main = state.main
     if other.count == 1:  # it continues nothing: scatter, not another path
@@ -184,18 +184,32 @@ def _joined(main: Track, other: Track, limits: Limits) -> bool:
     return abs(offset) <= GATE * math.sqrt(main.variance + other.variance) + slack + other.slack
 
 
-def _takes_over(main: Track, other: Track, innovation: float, settings: IntegritySettings) -> bool:
+def _takes_over(main: Track, other: Track, innovation: float, resolution: float, settings: IntegritySettings) -> bool:
     """Return whether the other track is the one to follow.
 
-    The direct path is the shortest, so a steady shorter range replaces a longer one; a longer one never does while
-    sweeps go on, unless too few sweeps ever supported the shorter.
+    The direct path is the shortest, so a steady shorter range replaces a longer one. A longer one may be an echo behind
+    a blocked path: it replaces the shorter one after long, and then in doubt; so does one nearer than the resolution.
     """
     if not other.known or _scale(other.scatter) > _SCATTER_DOUBT:
         return False
     if other.count >= _SUPPORT and main.count < _SUPPORT:
         return True
-    steady = (other.measured.stamp - other.begin) * 1e-9 >= settings.shorter_time and other.count >= _STEADY
-    return innovation < 0.0 and steady
+    needed = settings.shorter_time if innovation < resolution else settings.longer_time
+    steady = (other.measured.stamp - other.begin) * 1e-9 >= needed and other.count >= _STEADY
+    return steady and (innovation < resolution or settings.longer_time > 0.0)
+
+
+def _doubt_after(state: State, innovation: float, slack: float, resolution: float) -> float:
+    """Return by how much a track may be wrong that takes over from another, whose prediction it misses by `innovation`.
+
+    One of both is right, and where it is not known which, the error is at most their difference. Only a range that is
+    shorter by more than another line could hide is another path, and the direct one.
+    """
+    if state.main.count < _SUPPORT:
+        return state.doubt
+    if innovation < -resolution:
+        return state.doubt if state.doubt < resolution else 0.0  # a longer path that was followed has ended
+    return math.hypot(state.doubt, abs(innovation) + slack)
 
 
 def _continued(track: Track | None, measured: Measured, limits: Limits) -> Track | None:
@@ -203,7 +217,8 @@ def _continued(track: Track | None, measured: Measured, limits: Limits) -> Track
     if track is None:
         return None
     extended, _, innovation, std, slack = _extended(track, None, measured, limits)
-    return extended if abs(innovation) <= GATE * std + slack else None
+    lag = _lag(track, extended, measured, limits)
+    return extended if abs(innovation) <= GATE * std + slack + lag else None
 
 
 def _branch(main: Track, measured: Measured) -> Track:
@@ -278,8 +293,10 @@ def _extended(
         track.moved + displacement,
         track.slack + slack,
         known,
-        (*track.scatter, min(max(abs(innovation) - slack, 0.0) / std, _LARGEST_Z))[-_SCATTER_LENGTH:],
     )
+    lag = _lag(track, extended, measured, limits)
+    beyond = min(max(abs(innovation) - slack - lag, 0.0) / std, _LARGEST_Z)
+    extended = dataclasses.replace(extended, scatter=(*track.scatter, beyond)[-_SCATTER_LENGTH:])
     return extended, motion, innovation, std, slack
 
 
@@ -298,6 +315,14 @@ def _beside(
     last = (measured.stamp - other.measured.stamp) * 1e-9
     further, more = _coasted(other.tracker.coast(measured.stamp), last, limits)
     return *own, displacement + other.moved + further, slack + other.slack + more
+
+
+def _lag(before: Track, after: Track, measured: Measured, limits: Limits) -> float:
+    """Return by how much a velocity that has just begun to change may displace a range of a followed track [m]."""
+    if not (before.known and after.known):
+        return 0.0
+    step = min((measured.stamp - before.measured.stamp) * 1e-9, _LONGEST_PHASE_STEP)
+    return _LAG * limits.acceleration * abs(measured.doppler) * step
 
 
 def _known(motion: Motion) -> bool:

@@ -20,6 +20,8 @@ _REMEMBERED = 64  # results of a station among which a repeated one is looked fo
 _ORDERED = 32  # sweeps back in which a late one is put in order
 _STABLE = 10  # sweeps that a step of T_off must last to count as one of the references
 _SHORTEST_STEP = 0.5  # of the usual interval: stamps of partners that differ by more belong to two sweeps
+_SET_BACK_SWEEPS = 10  # that continue each other long ago, and none newer, before the clock counts as set back
+_SET_BACK_TIME = 1.0  # for which they last at least [s]
 _INTERVALS = 16  # whose smallest is the usual one
 
 
@@ -48,6 +50,7 @@ class PairMonitor:
         self._state: State | None = None
         self._ordered: collections.deque[tuple[Measured, State | None]] = collections.deque(maxlen=_ORDERED)
         self._known: dict[str, collections.deque[tuple[float, ...]]] = {}
+        self._early = (0, 0, 0)  # newest sweeps, where they are of long ago: first and last stamp, and how many
         self._stamps: collections.deque[int] = collections.deque(maxlen=_INTERVALS)
         self._excess, self._excess_stamp = math.nan, 0
         self._since_step = _STABLE
@@ -120,10 +123,14 @@ class PairMonitor:
         """Return velocity and verdict of a sweep that passed the other tests; late ones are put in order."""
         newest = self._ordered[-1][0].stamp if self._ordered else measured.stamp - 1
         behind = (newest - measured.stamp) * 1e-9
-        if behind < 0.0 or behind > self._settings.restart_pause:
-            if behind > 0.0:  # a clock set back, a recording from its beginning
-                self._ordered.clear()
-                self._state = None
+        if behind < 0.0:
+            self._early = (0, 0, 0)
+            return self._advance(measured)
+        if behind > self._settings.restart_pause:
+            if not self._set_back(measured.stamp):
+                return Judgement(self.coast(measured.stamp), refuse(Test.LATE), math.inf, 1.0)
+            self._ordered.clear()
+            self._state = None
             return self._advance(measured)
         if self._ordered[0][0].stamp >= measured.stamp or any(m.stamp == measured.stamp for m, _ in self._ordered):
             return Judgement(self.coast(measured.stamp), refuse(Test.LATE), math.inf, 1.0)
@@ -135,6 +142,19 @@ class PairMonitor:
         for again in reversed(later):
             self._advance(again)
         return judgement
+
+    def _set_back(self, stamp: int) -> bool:
+        """Return whether sweeps of long ago go on (a clock set back, a recording from its beginning).
+
+        What a link held up and delivers behind newer sweeps is no new time, and must not end the track.
+        """
+        first, last, count = self._early
+        first, count = (first, count + 1) if count and stamp > last else (stamp, 1)
+        self._early = (first, stamp, count)
+        if count < _SET_BACK_SWEEPS or (stamp - first) * 1e-9 < _SET_BACK_TIME:
+            return False
+        self._early = (0, 0, 0)
+        return True
 
     def _advance(self, measured: Measured) -> Judgement:
         self._ordered.append((measured, self._state))

@@ -43,3 +43,9 @@ class IntegritySettings:
         bounds=(0.0, 1e5),
         description='after which a steady range shorter than the tracked one is taken for the direct path',
     )
+    longer_time: float = parameter(
+        30.0,
+        unit='s',
+        bounds=(0.0, 1e5),
+        description='after which a steady range longer than the tracked one is followed, in doubt; 0: never',
+    )

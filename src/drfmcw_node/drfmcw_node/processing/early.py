@@ -8,6 +8,7 @@ from .records import Sweep
 
 _EARLY_LIMIT = 3.0  # that sweeps wait for settings and calibrations they overtook [s]
 _EARLY_COUNT = 4000  # and how many of them
+_EARLY_BYTES = 1 << 28  # of samples, at most
 
 
 class EarlySweeps:
@@ -34,7 +35,8 @@ class EarlySweeps:
         for sweep in [*self._waiting, *sweeps]:
             (ready if self._processor.has_settings(sweep) else waiting).append(sweep)
         self._since = min(self._since, now) if waiting else math.inf
-        if now - self._since > _EARLY_LIMIT or len(waiting) > _EARLY_COUNT:
+        crowded = len(waiting) > _EARLY_COUNT or sum(2 * len(sweep.samples) for sweep in waiting) > _EARLY_BYTES
+        if crowded or now - self._since > _EARLY_LIMIT:
             ready, waiting = sorted([*waiting, *ready], key=lambda s: s.sweep_id), []
             self._since = math.inf
         self._waiting = waiting

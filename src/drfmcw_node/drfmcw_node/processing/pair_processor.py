@@ -73,7 +73,8 @@ class PairProcessor(StationProcessor):
         for pair in pairs:
             chosen = self._pair_estimator(pair)
             if isinstance(chosen, str):
-                self.dropped[chosen] += 2
+                for _ in pair:
+                    self.drop(chosen)
             else:
                 groups.setdefault(id(chosen), (chosen, []))[1].append(pair)
         for chosen, group in groups.values():
@@ -96,7 +97,7 @@ class PairProcessor(StationProcessor):
         for sweep in sweeps:
             if self._repeats(sweep):
                 self.sweeps += 1
-                self.dropped[f'samples of {sweep.station} are those of the sweep before'] += 1
+                self.drop(f'samples of {sweep.station} are those of the sweep before')
                 continue
             if sweep.peer == sweep.station:
                 alone.append(sweep)

@@ -14,12 +14,20 @@ import numpy as np
 
 from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
 from ..estimators.estimation import Estimates, Estimator, EstimatorSettings, Flag
 from ..estimators.registry import estimator
 from .records import Beat, Spectrum, Sweep
+
+OTHER_REASONS = 'other reasons'
+"""Stands for what no longer counts by itself."""
+_BLOCK = 64  # samples that no two records share by chance
+_FEWEST_VALUES = 8  # in a block that is noise
+_MOST_REASONS = 32
+_LONGEST_REASON = 120
 
 
 class StationProcessor:
@@ -31,6 +39,7 @@ class StationProcessor:
         self._sweep_settings: dict[tuple[str, str], History[SweepSettings]] = collections.defaultdict(History)
         self._calibrations: dict[str, History[Calibration]] = collections.defaultdict(History)
         self._estimators: dict[tuple, Estimator | str] = {}
+        self._newest_samples: dict[tuple[str, str], tuple[int, np.ndarray]] = {}
         self.sweeps = 0
         """Sweeps given since start."""
         self.weak = 0
@@ -84,6 +93,11 @@ class StationProcessor:
         )
         return all(history is not None and history.at(sweep.stamp) is not None for history in histories)
 
+    def drop(self, reason: str) -> None:
+        """Count a sweep without a result; so many reasons, of so many letters, that what is outside cannot fill it."""
+        reason = printable_line(reason, _LONGEST_REASON)
+        self.dropped[reason if reason in self.dropped or len(self.dropped) < _MOST_REASONS else OTHER_REASONS] += 1
+
     def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
         """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
         return self._process(sweeps, 0)[0]
@@ -97,12 +111,12 @@ class StationProcessor:
         for index, sweep in enumerate(sweeps):
             chosen = self._estimator(sweep)
             samples = np.asarray(sweep.samples)
-            if isinstance(chosen, str):
-                self.dropped[chosen] += 1
+            reason = chosen if isinstance(chosen, str) else refusal(sweep, samples, chosen.sweep.sample_count)
+            if isinstance(chosen, str) or reason:
+                self.drop(reason)
                 continue
-            reason = refusal(sweep, samples, chosen.sweep.sample_count)
-            if reason:
-                self.dropped[reason] += 1
+            if self._holds_old_noise(sweep, samples):
+                self.drop(f'samples of {sweep.station} are in part those of the sweep before')
                 continue
             _, indices, rows = groups.setdefault(id(chosen), (chosen, [], []))
             indices.append(index)
@@ -118,6 +132,15 @@ class StationProcessor:
             for index, beat, spectrum in zip(indices, *of_group, strict=True):
                 beats[index], spectra[index] = beat, spectrum
         return [b for b in beats if b is not None], [s for s in spectra if s is not None]
+
+    def _holds_old_noise(self, sweep: Sweep, samples: np.ndarray) -> bool:
+        """Return whether a buffer was not, or not wholly, filled anew; remembers the sweep."""
+        key = (sweep.station, sweep.peer)
+        before = self._newest_samples.get(key)
+        self._newest_samples[key] = sweep.stamp, samples
+        if before is None or before[0] == sweep.stamp or before[1].shape != samples.shape:
+            return False
+        return shares_noise(before[1], samples)
 
     def _results(
         self, sweeps: Sequence[Sweep], result: Estimates, wanted: np.ndarray | None
@@ -186,6 +209,21 @@ def refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:
     if not (math.isfinite(sweep.full_scale) and sweep.full_scale > 0.0):
         return f'full_scale = {sweep.full_scale:g} of {sweep.station} is not a positive number'
     return ''
+
+
+def shares_noise(one: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether two records (n,) of int16 hold the same noise somewhere: 64 equal samples in a row of many values.
+
+    With noise of a standard deviation of half a code or more, two different records agree in one sample with a
+    probability of 0.53 at most, and so in one of 32 blocks with 1e-16.
+    """
+    count = len(one) // _BLOCK
+    if not count:
+        return False
+    blocks = one[: count * _BLOCK].reshape(count, _BLOCK)
+    equal = (blocks == other[: count * _BLOCK].reshape(count, _BLOCK)).all(axis=1)
+    # zeros, a constant and a clipped line repeat without a fault
+    return any(len(set(block.tolist())) >= _FEWEST_VALUES for block in blocks[equal])
 
 
 def _beats(sweeps: Sequence[Sweep], result: Estimates) -> list[Beat]:

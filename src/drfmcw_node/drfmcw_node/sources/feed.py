@@ -1,5 +1,6 @@
 """Binary feed of raw sweeps from a digitiser over TCP or UDP (docs/feed_protocol.md). All numbers are little-endian."""
 
+import contextlib
 import dataclasses
 import math
 import struct
@@ -28,10 +29,13 @@ _CRC = struct.Struct('<I')
 HEADER_SIZE = _HEADER.size + _CRC.size
 FRAGMENT_PAYLOAD = 1400
 """Bytes of a frame in one datagram; fits an Ethernet frame."""
+SEALED_PAYLOAD = 1360
+"""The same for a sealed datagram."""
 
 _IQ, _LONG_DISTANCE, _UNLOCKED = 1, 2, 4
-_LARGEST_COUNT = 1 << 25
-_FRAMES_IN_PROGRESS = 16
+LARGEST_COUNT = 1 << 25
+"""Largest number of int16 values in a frame that a header can state."""
+_PATIENCE = 16  # damaged frames in a row after which a stream is none of frames; each costs a checksum of the buffer
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -91,15 +95,15 @@ def encode(frame: Frame) -> bytes:
     return b''.join((header, _CRC.pack(zlib.crc32(header)), samples, _CRC.pack(zlib.crc32(samples))))
 
 
-def encode_fragments(frame: Frame, number: int) -> Iterator[bytes]:
-    """Yield the datagrams of one frame; `number` counts the frames and wraps at 2^32."""
+def encode_fragments(frame: Frame, number: int, payload: int = FRAGMENT_PAYLOAD) -> Iterator[bytes]:
+    """Yield the datagrams of one frame, `payload` bytes in each; `number` counts the frames and wraps at 2^32."""
     data = encode(frame)
-    count = -(-len(data) // FRAGMENT_PAYLOAD)
+    count = -(-len(data) // payload)
     if count > 0xFFFF:
         raise ConfigurationError(f'a sweep of {len(frame.samples)} samples does not fit the UDP feed; use TCP')
     for index in range(count):
         header = _FRAGMENT.pack(FRAGMENT_MAGIC, VERSION, 0, index, count, 0, number % (1 << 32))
-        yield header + data[index * FRAGMENT_PAYLOAD : (index + 1) * FRAGMENT_PAYLOAD]
+        yield header + data[index * payload : (index + 1) * payload]
 
 
 def encode_request(request: Request) -> bytes:
@@ -123,29 +127,35 @@ def decode_requests(data: bytes) -> tuple[list[Request], bytes]:
             data = data[start + 1 :]
             continue
         _, _, mode, _, start_delay, peer = _REQUEST.unpack(body)
-        requests.append(Request(mode, start_delay, _text(peer)))
+        with contextlib.suppress(MalformedFrame):
+            requests.append(Request(mode, start_delay, _text(peer)))
         data = data[start + size :]
 
 
 class FrameParser:
     """Cuts a byte stream into frames; after damage it goes on at the next frame that is whole."""
 
-    def __init__(self) -> None:
-        """Start with an empty buffer."""
+    def __init__(self, largest_count: int = LARGEST_COUNT) -> None:
+        """Start with an empty buffer; frames of more than `largest_count` int16 values are refused."""
         self._buffer = bytearray()
+        self._largest = largest_count
+        self._in_a_row = 0  # damaged frames
         self.malformed = 0
         """Frames that were damaged, since start."""
         self.skipped = 0
         """Bytes that belonged to no frame, since start."""
 
-    def reset(self) -> None:
-        """Forget an unfinished frame (the connection was lost)."""
-        if self._buffer:
-            self.malformed += 1
-        self._buffer.clear()
+    @property
+    def unfinished(self) -> bool:
+        """Whether a frame may have begun and has not ended."""
+        return bool(self._buffer)
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Return the frames that are complete with these bytes."""
+        """Return the frames that are complete with these bytes.
+
+        Raises:
+            MalformedFrame: many damaged frames in a row; whoever sends this is no digitiser.
+        """
         self._buffer += data
         buffer, frames, at = self._buffer, [], 0
         while True:
@@ -158,60 +168,59 @@ class FrameParser:
             self.skipped += start - at
             at = start
             try:
-                frame, end = _decode(buffer, start)
+                frame, end = _decode(buffer, start, self._largest)
             except MalformedFrame:
                 self.malformed += 1
                 self.skipped += 1
+                self._in_a_row += 1
+                if self._in_a_row > _PATIENCE:
+                    raise
                 at = start + 1
                 continue
             if frame is None:
                 break
+            self._in_a_row = 0
             frames.append(frame)
             at = end
         del buffer[:at]
         return frames
 
 
-class FragmentAssembler:
-    """Puts datagrams together to frames, in whatever order they come."""
+@dataclasses.dataclass(frozen=True, slots=True)
+class Fragment:
+    """One datagram."""
 
-    def __init__(self) -> None:
-        """Start with nothing in progress."""
-        self._progress: dict[int, dict[int, bytes]] = {}
-        self.malformed = 0
-        """Datagrams or frames that were damaged, since start."""
-        self.incomplete = 0
-        """Frames of which a fragment never came, since start."""
-
-    def feed(self, datagram: bytes) -> Frame | None:
-        """Return the frame that is complete with this datagram, None where there is none."""
-        if len(datagram) <= _FRAGMENT.size:
-            self.malformed += 1
-            return None
-        magic, version, _, index, count, _, number = _FRAGMENT.unpack_from(datagram)
-        if magic != FRAGMENT_MAGIC or version != VERSION or index >= count:
-            self.malformed += 1
-            return None
-        fragments = self._progress.setdefault(number, {})
-        fragments[index] = datagram[_FRAGMENT.size :]
-        if len(fragments) < count:
-            if len(self._progress) > _FRAMES_IN_PROGRESS:
-                del self._progress[next(iter(self._progress))]
-                self.incomplete += 1
-            return None
-        del self._progress[number]
-        data = b''.join(fragments.get(i, b'') for i in range(count))
-        try:
-            frame, end = _decode(data, 0) if data.startswith(MAGIC) else (None, 0)
-        except MalformedFrame:
-            frame = None
-        if frame is None or end != len(data):
-            self.malformed += 1
-            return None
-        return frame
+    index: int
+    count: int  # of the frame's pieces
+    number: int  # of the frame
+    content: bytes
 
 
-def _decode(data: bytes | bytearray, start: int) -> tuple[Frame | None, int]:
+def decode_fragment(datagram: bytes) -> Fragment | None:
+    """Return the piece in a datagram, None where it is none."""
+    if not _FRAGMENT.size < len(datagram) <= _FRAGMENT.size + FRAGMENT_PAYLOAD:
+        return None
+    magic, version, _, index, count, _, number = _FRAGMENT.unpack_from(datagram)
+    if magic != FRAGMENT_MAGIC or version != VERSION or index >= count:
+        return None
+    return Fragment(index, count, number, datagram[_FRAGMENT.size :])
+
+
+def decode_whole(data: bytes) -> Frame | None:
+    """Return the frame that `data` is from the first byte to the last, None where it is none."""
+    try:
+        frame, end = _decode(data, 0) if data.startswith(MAGIC) else (None, 0)
+    except MalformedFrame:
+        return None
+    return frame if end == len(data) else None
+
+
+def frame_size(count: int) -> int:
+    """Return the bytes of a frame with `count` int16 values."""
+    return HEADER_SIZE + 2 * count + _CRC.size
+
+
+def _decode(data: bytes | bytearray, start: int, largest_count: int = LARGEST_COUNT) -> tuple[Frame | None, int]:
     """Return (frame, index after it) of the frame that begins at `start`; (None, start) where bytes are missing."""
     if len(data) - start < HEADER_SIZE:
         return None, start
@@ -219,7 +228,7 @@ def _decode(data: bytes | bytearray, start: int) -> tuple[Frame | None, int]:
     if _CRC.unpack_from(data, start + _HEADER.size)[0] != zlib.crc32(header):
         raise MalformedFrame('header checksum')
     _, version, flags, _, stamp, sweep_id, full_scale, start_delay, temperature, count, peer = _HEADER.unpack(header)
-    if version != VERSION or count > _LARGEST_COUNT or (flags & _IQ and count % 2):
+    if version != VERSION or count > largest_count or (flags & _IQ and count % 2):
         raise MalformedFrame('header')
     begin = start + HEADER_SIZE
     end = begin + 2 * count

@@ -86,6 +86,14 @@ class Source:
         """Return how often each kind of damage occurred since start, for diagnostics."""
         return {}
 
+    def caution(self) -> str:
+        """Return what is unsafe about the source's settings, '' for nothing; for diagnostics."""
+        return ''
+
+    def trouble(self) -> str:
+        """Return why something from outside was refused last, '' where nothing was; for diagnostics."""
+        return ''
+
     def request(self, request: Request) -> bool:
         """Pass a settings request to the hardware; return False where that is impossible."""
         return False

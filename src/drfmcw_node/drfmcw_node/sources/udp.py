@@ -5,44 +5,71 @@ import socket
 import time
 from typing import Any
 
-from .feed import FragmentAssembler, Frame
-from .sockets import SocketSettings, listening_socket
+from .feed import Frame
+from .reassembly import FragmentAssembler
+from .sealing import SealedDatagrams, SealError, read_key
+from .sockets import SocketSettings, caution, is_heard, listening_socket, networks
 from .source import BATCH, POLL, Source
 
 _DATAGRAM = 1 << 16  # largest size [bytes]
 _SILENCE = 1.0  # after which the source counts as not connected [s]
+_TAKEOVER = 0.2  # without a whole frame, after which another sender's are taken [s]
 
 
 class UdpSource(Source, name='udp'):
-    """Receives datagrams; there is no connection to lose."""
+    """Receives datagrams; there is no connection to lose. Frames of one sender at a time are taken."""
 
     settings = SocketSettings
 
     def __init__(self, station: str, settings: SocketSettings, **kwargs: Any) -> None:
-        """Bind the socket; arguments as for `Source`."""
+        """Bind the socket; arguments as for `Source`.
+
+        Raises:
+            ConfigurationError: the settings cannot be used, or ask for TLS.
+        """
         super().__init__(station, settings, **kwargs)
-        self._assembler = FragmentAssembler()
+        settings.refuse_tls()
+        self._settings, self._heard_from = settings, networks(settings.feed_from)
+        key = read_key(settings.feed_key)
+        self._sealed = SealedDatagrams(key) if key else None
+        self.assembler = FragmentAssembler(settings.feed_samples)
+        """Unfinished frames."""
+        self._sender: Any = None
+        self._last = -math.inf
+        self._refused = self._others = 0
+        self._reason = ''
         self._socket = listening_socket(socket.SOCK_DGRAM, settings)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self._host = settings.ip_address
         self.port: int = self._socket.getsockname()[1]
 
     def address(self) -> str:
         """Return the address as a URL."""
-        return f'udp://{self._host}:{self.port}'
+        return f'udp://{self._settings.ip_address}:{self.port}'
+
+    def caution(self) -> str:
+        """Return what is unsafe about the socket, '' for nothing."""
+        return caution(self._settings)
 
     def counts(self) -> dict[str, int]:
-        """Return damaged and incomplete frames."""
-        return {'malformed frames': self._assembler.malformed, 'incomplete frames': self._assembler.incomplete}
+        """Return damaged and incomplete frames, and what was refused."""
+        return {
+            'malformed frames': self.assembler.malformed,
+            'incomplete frames': self.assembler.incomplete,
+            'repeated datagrams': self.assembler.repeated,
+            'refused datagrams': self._refused,
+            'frames of another sender': self._others,
+        }
+
+    def trouble(self) -> str:
+        """Return why the last datagram was refused, '' where none was."""
+        return self._reason
 
     def _run(self) -> None:
-        last = -math.inf
         with self._socket as receiver:
             while not self._ended.is_set():
-                self.connected = time.monotonic() - last < _SILENCE
+                self.connected = time.monotonic() - self._last < _SILENCE
                 frames = self._received(receiver)
                 if frames:
-                    last = time.monotonic()
                     self.connected = True
                     self._deliver(frames)
 
@@ -51,11 +78,36 @@ class UdpSource(Source, name='udp'):
         receiver.settimeout(POLL)
         frames: list[Frame] = []
         try:
-            while len(frames) < BATCH:
-                frame = self._assembler.feed(receiver.recv(_DATAGRAM))
+            for _ in range(BATCH * BATCH):  # not for ever where they come faster than they are read
+                datagram, sender = receiver.recvfrom(_DATAGRAM)
                 receiver.settimeout(0.0)
+                frame = self._taken(datagram, sender)
                 if frame is not None:
                     frames.append(frame)
+                if len(frames) >= BATCH:
+                    break
         except (TimeoutError, BlockingIOError):
             pass
         return frames
+
+    def _taken(self, datagram: bytes, sender: Any) -> Frame | None:
+        """Return the frame that is complete with a datagram, None where there is none, or none to believe."""
+        try:
+            if not is_heard(sender[0], self._heard_from):
+                raise SealError('is not in feed_from')
+            if self._sealed is not None:
+                datagram = self._sealed.open(datagram, time.time_ns())
+        except SealError as error:
+            self._refused += 1
+            self._reason = f'{sender[0]}: {error}'
+            return None
+        now = time.monotonic()
+        frame = self.assembler.feed(datagram, sender, now)
+        if frame is None:
+            return None
+        if sender != self._sender and now - self._last < _TAKEOVER:
+            self._others += 1
+            self._reason = f'{sender[0]}: another digitiser is sending'
+            return None
+        self._sender, self._last = sender, now
+        return frame

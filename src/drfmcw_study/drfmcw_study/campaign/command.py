@@ -1,11 +1,14 @@
 """`drfmcw campaign`: faults against the nodes' own classes, counting ranges that are valid and wrong."""
 
+import argparse
 import dataclasses
 import json
+import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from rich.console import Console
 
@@ -14,8 +17,13 @@ from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.processes import WorkFailed, unordered
 
 from .faults import Fault, faults
+from .fuzz import fuzz, summary
+from .fuzz_targets import targets
 from .measuring import Counts, cases, measure
+from .network import NETWORK_SWEEPS, NetworkRow, network_row, network_table, networks
 from .report import Row, document, table
+
+R = TypeVar('R', Row, NetworkRow)
 
 _QUICK, _FULL = 100, 2000  # sweeps with the fault, per case
 
@@ -24,8 +32,8 @@ _QUICK, _FULL = 100, 2000  # sweeps with the fault, per case
 class _Try:
     """One fault to try, by name, since functions do not reach another process."""
 
-    fault: str
-    size: str
+    fault: str  # or network
+    size: str  # '' of a network
     sweeps: int
     seed: int
 
@@ -40,42 +48,68 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--report', metavar='FILE', help='write the report, as docs/reliability.md')
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N', help='processes (all cores)')
+    parser.add_argument('--fuzz', type=float, metavar='MINUTES', help='fuzz all inputs instead, for so long')
+    parser.add_argument('--corpus', type=Path, metavar='DIR', help='inputs that --fuzz starts from and adds to')
     parser.add_argument('--seed', type=int, default=1, help='of all random numbers')
     arguments = parser.parse_args(argv)
-    return guarded(parser.prog, lambda: _run(arguments, Console(stderr=True)))
+    work = _run if arguments.fuzz is None else _fuzz
+    return guarded(parser.prog, lambda: work(arguments, Console(stderr=True)))
 
 
-def _run(arguments: object, console: Console) -> int:
-    options = vars(arguments)
-    chosen = _chosen(options['fault'])
-    if options['jobs'] < 1:
-        raise ConfigurationError(f'--jobs {options["jobs"]}: at least 1')
-    sweeps = _QUICK if options['quick'] else _FULL
-    directory = Path(options['out'])
+def _fuzz(arguments: argparse.Namespace, console: Console) -> int:
+    """Fuzz every input; failing inputs are left in --out."""
+    if not 0.0 < arguments.fuzz < math.inf:
+        raise ConfigurationError(f'--fuzz {arguments.fuzz:g}: a number of minutes above 0')
+    directory = _made(arguments.out)
+    state = fuzz(targets(), arguments.fuzz, arguments.seed, arguments.corpus)
+    print(summary(state))
+    for found in state:
+        for number, data in enumerate(found.failures.values()):
+            write_atomically(directory / f'{found.target.name}_{number}', data)
+    return 1 if any(found.failures for found in state) else 0
+
+
+def _made(name: str) -> Path:
+    directory = Path(name)
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f'--out {directory}: {error.strerror}') from None
-    paths = [directory / f'{_file_name(fault)}_{sweeps}_{options["seed"]}.json' for fault in chosen]
+    return directory
+
+
+def _run(arguments: argparse.Namespace, console: Console) -> int:
+    options = vars(arguments)
+    chosen, links = _chosen(options['fault']), [] if options['fault'] else networks()
+    if options['jobs'] < 1:
+        raise ConfigurationError(f'--jobs {options["jobs"]}: at least 1')
+    sweeps, seed = _QUICK if options['quick'] else _FULL, options['seed']
+    directory = _made(options['out'])
+    tries = [_Try(fault.name, fault.size, sweeps, seed) for fault in chosen]
+    tries += [_Try(link.name, '', max(sweeps, NETWORK_SWEEPS), seed) for link in links]
+    paths = [directory / f'{_file_name(order)}_{order.sweeps}_{seed}.json' for order in tries]
     missing = [number for number, path in enumerate(paths) if not path.exists()]
-    tries = [_Try(chosen[number].name, chosen[number].size, sweeps, options['seed']) for number in missing]
     try:
-        for number, row in unordered(_row, tries, options['jobs']):
+        for number, row in unordered(_row, [tries[number] for number in missing], options['jobs']):
             write_atomically(paths[missing[number]], json.dumps(dataclasses.asdict(row)) + '\n')
-            console.print(f'{row.fault}, {row.size}: {row.wrong} of {row.sweeps} wrong', highlight=False)
+            name = row.name if isinstance(row, NetworkRow) else f'{row.fault}, {row.size}'
+            console.print(f'{name}: {row.wrong} of {row.sweeps} wrong', highlight=False)
     except WorkFailed as error:
         raise ConfigurationError(f'a worker process died ({error}); call again to resume') from None
-    rows = [_read(path) for path in paths]
+    rows = [_read(path, Row) for path in paths[: len(chosen)]]
+    of_links = [_read(path, NetworkRow) for path in paths[len(chosen) :]]
     print(table(rows))
+    if of_links:
+        print(network_table(of_links))
     if options['report']:
-        command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {options["seed"]}'
-        write_atomically(options['report'], document(rows, command))
-    return 1 if any(row.wrong for row in rows) else 0
+        command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {seed}'
+        write_atomically(options['report'], document(rows, of_links, command))
+    return 1 if any(row.wrong for row in rows) or any(row.wrong for row in of_links) else 0
 
 
-def _read(path: Path) -> Row:
+def _read(path: Path, kind: Callable[..., R]) -> R:
     try:
-        return Row(**json.loads(path.read_text(encoding='utf-8')))
+        return kind(**json.loads(path.read_text(encoding='utf-8')))
     except (OSError, ValueError, TypeError) as error:
         raise ConfigurationError(f'{path}: {error}; remove it to try the fault again') from None
 
@@ -88,8 +122,11 @@ def _chosen(names: list[str] | None) -> list[Fault]:
     return [fault for fault in known if not names or fault.name in names]
 
 
-def _row(order: _Try) -> Row:
-    """Try a fault at all distances."""
+def _row(order: _Try) -> Row | NetworkRow:
+    """Try a fault or a network at all distances."""
+    if not order.size:
+        network = next(network for network in networks() if network.name == order.fault)
+        return network_row(network, order.sweeps, order.seed)
     fault = next(fault for fault in faults() if (fault.name, fault.size) == (order.fault, order.size))
     found: list[Counts] = [measure(case) for case in cases(fault, order.sweeps, order.seed)]
     return Row(
@@ -104,8 +141,8 @@ def _row(order: _Try) -> Row:
     )
 
 
-def _file_name(fault: Fault) -> str:
-    return ''.join(c if c.isalnum() else '_' for c in f'{fault.name}_{fault.size}')
+def _file_name(order: _Try) -> str:
+    return ''.join(c if c.isalnum() else '_' for c in f'{order.fault}_{order.size or "network"}')
 
 
 if __name__ == '__main__':

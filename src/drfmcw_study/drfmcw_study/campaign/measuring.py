@@ -28,10 +28,10 @@ DISTANCES = (60.0, 300.0, 900.0)
 WRONG = 5.0
 """Standard deviations beyond which an error makes a range wrong."""
 
-_INTERVAL = 0.02  # between sweeps [s]
-_CLEAN = 60  # sweeps before the fault
+INTERVAL = 0.02  # between sweeps [s]
+CLEAN = 60  # sweeps before the fault
 _SPEED = 1.5  # of every second case, in the sense of a range that grows [m/s]
-_UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY | Flag.OUT_OF_LIMITS
+UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY | Flag.OUT_OF_LIMITS
 _MESSAGES: dict[str, tuple[type, str]] = {
     '/site/temperature': (Temperature, 'temperature'),
     '/site/pressure': (FluidPressure, 'fluid_pressure'),
@@ -66,15 +66,16 @@ class Counts:
 
 def measure(case: Case) -> Counts:
     """Return what comes of a case."""
-    clean, faulty = _scenario(case, ()), _scenario(case, case.fault.effects)
-    m = _conditions(clean, case, 0.0)
-    sweeps = _sweeps(case, clean, m, synthesise(m, clean.seed, clean.effects), _faulty_samples(case, faulty))
-    beats = _beats(case, clean, m, sweeps)
+    clean, faulty = scenario_of(case, ()), scenario_of(case, case.fault.effects)
+    m = conditions(clean, case, 0.0)
+    sweeps = sweeps_of(case, clean, m, synthesise(m, clean.seed, clean.effects), _faulty_samples(case, faulty))
+    beats = beats_of(case, clean, m, sweeps)
     results = {r.sweep_id: r for r in _ranges(case, clean, m, beats)}
     return _counts(case, m, results)
 
 
-def _scenario(case: Case, effects: tuple[dict[str, Any], ...]) -> Scenario:
+def scenario_of(case: Case, effects: tuple[dict[str, Any], ...]) -> Scenario:
+    """Return a site with one pair, nothing but `effects` wrong."""
     station = {'noise_floor': -140.7, 'phase_noise_level': -90.0, 'phase_noise_corner': 200e3}
     return scenario_from_mapping(
         {
@@ -83,7 +84,7 @@ def _scenario(case: Case, effects: tuple[dict[str, Any], ...]) -> Scenario:
                 'slave': station | {'alpha': 0.999991, 'delay': 15e-9},
             },
             'pairs': [{'first': 'master', 'second': 'slave', 'standing': {'distances': [case.distance], 'sweeps': 1}}],
-            'timing': {'sweep_interval': _INTERVAL},
+            'timing': {'sweep_interval': INTERVAL},
             'weather': {name.rpartition('/')[2]: value for name, value in _WEATHER.items()},
             'effects': list(effects),
             'seed': case.seed,
@@ -92,12 +93,12 @@ def _scenario(case: Case, effects: tuple[dict[str, Any], ...]) -> Scenario:
     )
 
 
-def _conditions(scenario: Scenario, case: Case, farther: float) -> Measurements:
+def conditions(scenario: Scenario, case: Case, farther: float) -> Measurements:
     """Return what determines the sweeps of a crane that moves at constant speed."""
     timeline = Timeline(scenario)
     timeline.change_mode(0, choose_mode(None, case.distance, scenario.mode), None)
-    n = _CLEAN + case.sweeps
-    time = np.arange(n) * _INTERVAL
+    n = CLEAN + case.sweeps
+    time = np.arange(n) * INTERVAL
     slots = Slots(
         sweep_id=np.arange(n),
         time=time,
@@ -111,19 +112,20 @@ def _conditions(scenario: Scenario, case: Case, farther: float) -> Measurements:
 
 def _faulty_samples(case: Case, scenario: Scenario) -> tuple[np.ndarray, ...]:
     """Return both stations' records as the fault leaves them, of all sweeps."""
-    samples = synthesise(_conditions(scenario, case, case.fault.farther), scenario.seed, scenario.effects)
+    samples = synthesise(conditions(scenario, case, case.fault.farther), scenario.seed, scenario.effects)
     if case.fault.samples is None:
         return samples
-    hit = [s[_CLEAN:] for s in samples]
+    hit = [s[CLEAN:] for s in samples]
     changed = case.fault.samples((hit[0], hit[1]), np.random.default_rng(case.seed))
-    return tuple(np.concatenate([s[:_CLEAN], c]) for s, c in zip(samples, changed, strict=True))
+    return tuple(np.concatenate([s[:CLEAN], c]) for s, c in zip(samples, changed, strict=True))
 
 
-def _sweeps(
+def sweeps_of(
     case: Case, scenario: Scenario, m: Measurements, clean: tuple[np.ndarray, ...], faulty: tuple[np.ndarray, ...]
 ) -> list[Sweep]:
+    """Return both stations' sweeps, `faulty` ones where the fault hits."""
     generator = np.random.default_rng(case.seed + 1)
-    hit = (np.arange(len(m)) >= _CLEAN) & (generator.random(len(m)) < case.fault.share)
+    hit = (np.arange(len(m)) >= CLEAN) & (generator.random(len(m)) < case.fault.share)
     start = round(scenario.timing.start_time * NANOSECONDS)
     sweeps = []
     for i in range(len(m)):
@@ -131,7 +133,7 @@ def _sweeps(
             stamp = start + round(float(m.time[i]) * NANOSECONDS)
             if number:
                 stamp += round(station.sweep.start_delay * NANOSECONDS)
-                stamp += case.fault.first_stamp * round(_INTERVAL * NANOSECONDS) * bool(hit[i])
+                stamp += case.fault.first_stamp * round(INTERVAL * NANOSECONDS) * bool(hit[i])
             rows = faulty if hit[i] else clean
             names = station.sweep.station, station.sweep.peer
             sweeps.append(Sweep(*names, i, float(station.full_scale), station.iq, rows[number][i], stamp, names[0]))
@@ -145,22 +147,30 @@ def _settings(case: Case, m: Measurements) -> list[SweepSettings]:
     return [dataclasses.replace(s, mode=case.fault.said_mode) for s in found]
 
 
-def _beats(case: Case, scenario: Scenario, m: Measurements, sweeps: list[Sweep]) -> list[Beat]:
+def processor_of(case: Case, scenario: Scenario, m: Measurements) -> StationProcessor:
+    """Return a processor of both stations that knows settings and calibrations."""
     settings = EstimatorSettings(estimator=case.estimator)
     processor = PairProcessor(settings) if case.estimator == 'pair' else StationProcessor(settings)
     for sweep in _settings(case, m):
         processor.add_sweep_config(sweep)
         processor.add_calibration(scenario.calibration(sweep.station))
+    return processor
+
+
+def beats_of(case: Case, scenario: Scenario, m: Measurements, sweeps: list[Sweep]) -> list[Beat]:
+    """Return what the stations make of sweeps, in order."""
+    processor = processor_of(case, scenario, m)
     beats = processor.process(sweeps)
     if isinstance(processor, PairProcessor):
         beats += processor.finish()
     return sorted(beats, key=lambda beat: (beat.stamp, beat.sweep_id))
 
 
-def _ranges(case: Case, scenario: Scenario, m: Measurements, beats: list[Beat]) -> list[RangeResult]:
+def fresh_fusion(case: Case, scenario: Scenario, m: Measurements) -> RangeFusion:
+    """Return a fusion that knows settings, calibrations, weather and what else the fault says."""
     fusion = RangeFusion()
     start = round(scenario.timing.start_time * NANOSECONDS)
-    begin = start + round(_CLEAN * _INTERVAL * NANOSECONDS)
+    begin = start + round(CLEAN * INTERVAL * NANOSECONDS)
     for topic, value in _WEATHER.items():
         _add_weather(fusion, topic, value, start - 1)
     if case.fault.weather is not None:
@@ -171,6 +181,11 @@ def _ranges(case: Case, scenario: Scenario, m: Measurements, beats: list[Beat]) 
         fusion.add_lock(sweep.station, start - 1, True)
     if case.fault.unlocked:
         fusion.add_lock(m.stations[1].name, begin, False)
+    return fusion
+
+
+def _ranges(case: Case, scenario: Scenario, m: Measurements, beats: list[Beat]) -> list[RangeResult]:
+    fusion = fresh_fusion(case, scenario, m)
     low, high = case.fault.jitter
     delays = np.random.default_rng(case.seed + 2).uniform(low, high, len(beats))
     arrivals = np.array([b.stamp * 1e-9 for b in beats]) + delays
@@ -193,11 +208,11 @@ def _add_weather(fusion: RangeFusion, topic: str, value: float, stamp: int) -> N
 def _counts(case: Case, m: Measurements, results: dict[int, RangeResult]) -> Counts:
     valid = wrong = beyond = 0
     undetected, worst = case.sweeps, 0.0
-    for i in range(_CLEAN, len(m)):
+    for i in range(CLEAN, len(m)):
         result = results.get(i)
         if result is None or result.flags & ~Flag.UNKNOWN_VELOCITY:
-            undetected = min(undetected, i - _CLEAN)
-        if result is None or result.flags & (_UNUSABLE | Flag.UNKNOWN_VELOCITY) or not math.isfinite(result.range):
+            undetected = min(undetected, i - CLEAN)
+        if result is None or result.flags & (UNUSABLE | Flag.UNKNOWN_VELOCITY) or not math.isfinite(result.range):
             continue
         error = abs(result.range - float(m.range[i]))
         valid += 1

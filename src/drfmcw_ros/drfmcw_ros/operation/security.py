@@ -1,0 +1,118 @@
+"""Security of the middleware: whether it is there, and what each node may do with it (SROS2). docs/security.md."""
+
+import dataclasses
+import mmap
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from drfmcw_physics.settings import ConfigurationError
+
+_LIBRARY = 'libfastrtps.so'
+_PLUGIN = b'builtin.PKI-DH'
+"""Name of the authentication plugin; a Fast DDS that was built with security contains it."""
+
+_PARAMETER_SERVICES = (
+    'describe_parameters',
+    'get_parameter_types',
+    'get_parameters',
+    'get_type_description',
+    'list_parameters',
+    'set_parameters',
+    'set_parameters_atomically',
+)
+
+
+def fast_dds_is_secure(environ: Mapping[str, str]) -> bool | None:
+    """Return whether the Fast DDS that a node will load has security; None where another middleware is asked for."""
+    if not environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp').startswith('rmw_fastrtps'):
+        return None
+    folders = environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)
+    for path in (Path(folder) / _LIBRARY for folder in folders if folder):
+        if path.is_file():
+            with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                return content.find(_PLUGIN) >= 0
+    return None
+
+
+def refuse_pretence(environ: Mapping[str, str]) -> None:
+    """Raise ConfigurationError where SROS2 is switched on and the middleware would start without it."""
+    if environ.get('ROS_SECURITY_ENABLE', '').lower() == 'true' and fast_dds_is_secure(environ) is False:
+        raise ConfigurationError(
+            'ROS_SECURITY_ENABLE is true, but this Fast DDS was built without security: every node would start open. '
+            'Use an installed ROS 2 Jazzy, or unset it and isolate the network (docs/security.md)'
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeRights:
+    """What one node may do; names are absolute."""
+
+    namespace: str
+    node: str
+    publish: tuple[str, ...]
+    subscribe: tuple[str, ...]
+
+    @property
+    def enclave(self) -> str:
+        """Return the path of its enclave."""
+        return f'/drfmcw{self.namespace.rstrip("/")}/{self.node}'
+
+
+def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRights]:
+    """Return what the stations, the fusion and the recorder of some pairs need, and nothing else.
+
+    Args:
+        pairs: names of the first and the second station of each; equal where a station hears itself.
+        feed: the stations own their sweeps (a digitiser's feed), which hardware drivers publish otherwise.
+    """
+    stations = sorted({name for pair in pairs for name in pair})
+    found = []
+    for station in stations:
+        peers = sorted({name for pair in pairs if station in pair for name in pair} - {station})
+        own = [f'/{station}/{name}' for name in ('sweep_config', 'calibration')]
+        results = [f'/{station}/{name}' for name in ('beat_frequency', 'if_spectrum', 'if_samples_compressed')]
+        heard = [f'/{peer}/calibration' for peer in peers]
+        if feed:
+            results += [*own, f'/{station}/status']
+            heard += [f'/{station}/sweep_request', *(f'/{peer}/beat_frequency' for peer in peers)]
+        else:
+            heard += [*own, f'/{station}/if_samples', f'/{station}/if_samples_compressed']
+        found.append(NodeRights(f'/{station}', 'station', ('/diagnostics', *results), tuple(heard)))
+    site = ('/site/temperature', '/site/pressure', '/site/humidity')
+    of_stations = [
+        f'/{station}/{name}'
+        for station in stations
+        for name in ('sweep_config', 'calibration', 'status', 'beat_frequency')
+    ]
+    ranges = [f'/{first}/{second}/{name}' for first, second in pairs for name in ('range', 'range_sensor')]
+    requests = [f'/{station}/sweep_request' for station in stations]
+    found.append(NodeRights('/', 'fusion', ('/diagnostics', *ranges, *requests), (*site, *of_stations)))
+    recorded = [f'/{station}/{name}' for station in stations for name in ('if_samples', 'if_spectrum')]
+    everything = (*site, '/reference/range', '/diagnostics', *of_stations, *recorded, *ranges)
+    found.append(NodeRights('/', 'recorder', ('/diagnostics',), everything))
+    return found
+
+
+def policy(nodes: Sequence[NodeRights]) -> str:
+    """Return the SROS2 policy (version 0.2.0) of some nodes."""
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<policy version="0.2.0">', '  <enclaves>']
+    for node in nodes:
+        lines += [
+            f'    <enclave path={quoteattr(node.enclave)}>',
+            '      <profiles>',
+            f'        <profile ns={quoteattr(node.namespace)} node={quoteattr(node.node)}>',
+            *_expressions('topics', 'publish', 'topic', ('/rosout', '/parameter_events', *node.publish)),
+            *_expressions('topics', 'subscribe', 'topic', ('/parameter_events', '/clock', *node.subscribe)),
+            *_expressions('services', 'reply', 'service', [f'~/{name}' for name in _PARAMETER_SERVICES]),
+            '        </profile>',
+            '      </profiles>',
+            '    </enclave>',
+        ]
+    return '\n'.join([*lines, '  </enclaves>', '</policy>', ''])
+
+
+def _expressions(kind: str, right: str, tag: str, names: Sequence[str]) -> list[str]:
+    inner = [f'            <{tag}>{name}</{tag}>' for name in names]
+    return [f'          <{kind} {right}="ALLOW">', *inner, f'          </{kind}>']

@@ -1,0 +1,160 @@
+"""`drfmcw soak`: the classes of stations and fusion for hours of sweeps at full speed; does anything grow?"""
+
+import dataclasses
+import gc
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+from drfmcw_fusion.pipeline import RangeFusion
+from drfmcw_node.processing.processor import StationProcessor
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_sim.signal_model import synthesise
+
+from .campaign.faults import Fault
+from .campaign.measuring import Case, conditions, fresh_fusion, processor_of, scenario_of, sweeps_of
+
+SWEEPS = 400
+"""Different sweeps, given again and again with new numbers and stamps."""
+_LOOPS_BETWEEN = 5  # two looks
+_WARM_UP = 0.2  # share of the looks that is not judged: caches fill
+_CONFIDENCE = 0.95
+_PAGE = os.sysconf('SC_PAGE_SIZE')
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """What was found after some time."""
+
+    hours: float  # of sweeps at 50 per second
+    memory: float  # resident [MB]
+    descriptors: int
+    latency: float  # median time from a sweep to its range [ms]
+
+
+@dataclasses.dataclass(frozen=True)
+class Slope:
+    """A straight line's slope per hour of sweeps, and the half width of its 95 % confidence interval."""
+
+    value: float
+    half_width: float
+
+    @property
+    def grows(self) -> bool:
+        """Whether the slope is positive beyond chance."""
+        return self.value - self.half_width > 0.0
+
+
+def slope(hours: Sequence[float], values: Sequence[float]) -> Slope:
+    """Return the slope of values over hours with its confidence interval (least squares, Student's t)."""
+    x, y = np.asarray(hours), np.asarray(values)
+    n = len(x)
+    if n < 3 or not np.ptp(x):
+        return Slope(math.nan, math.inf)
+    spread = float(((x - x.mean()) ** 2).sum())
+    value = float(((x - x.mean()) * (y - y.mean())).sum()) / spread
+    residual = y - y.mean() - value * (x - x.mean())
+    std = math.sqrt(float((residual**2).sum()) / (n - 2) / spread)
+    return Slope(value, float(student.ppf(0.5 + _CONFIDENCE / 2.0, n - 2)) * std)
+
+
+class Soak:
+    """A pair of stations and a fusion that never stop."""
+
+    def __init__(self, estimator: str = 'hann') -> None:
+        """Simulate the sweeps and start."""
+        self._case = Case(Fault('none', 'clean'), 300.0, estimator, 0.0, SWEEPS, 1)
+        scenario = scenario_of(self._case, ())
+        m = conditions(scenario, self._case, 0.0)
+        samples = synthesise(m, scenario.seed, scenario.effects)
+        self._sweeps = sweeps_of(self._case, scenario, m, samples, samples)
+        self._span = 2 * self._sweeps[-1].stamp - self._sweeps[-3].stamp - self._sweeps[0].stamp
+        self.processor: StationProcessor = processor_of(self._case, scenario, m)
+        """Of both stations."""
+        self.fusion: RangeFusion = fresh_fusion(self._case, scenario, m)
+        """Of the pair."""
+        self._loops = 0
+
+    @property
+    def hours(self) -> float:
+        """Return for how many hours of sweeps it has run."""
+        return self._loops * self._span * 1e-9 / 3600.0
+
+    def loop(self) -> list[float]:
+        """Give all sweeps once more; return the time that each pair took [s]."""
+        count = len(self._sweeps) // 2
+        shift, numbers = self._loops * self._span, self._loops * count
+        taken = []
+        for first in range(0, len(self._sweeps), 2):
+            pair = [
+                dataclasses.replace(s, stamp=s.stamp + shift, sweep_id=s.sweep_id + numbers)
+                for s in self._sweeps[first : first + 2]
+            ]
+            begin = time.perf_counter()
+            for beat in self.processor.process(pair):
+                self.fusion.add_lock(beat.station, beat.stamp, True)
+                self.fusion.add_beat(beat, beat.stamp * 1e-9)
+            taken.append(time.perf_counter() - begin)
+        self._loops += 1
+        return taken
+
+
+def run(hours: float, limit: float, estimator: str = 'hann') -> list[Look]:
+    """Run until so many hours of sweeps, or `limit` seconds of the clock, are over; return what was seen."""
+    soak, looks = Soak(estimator), []
+    end = time.monotonic() + limit
+    while soak.hours < hours and time.monotonic() < end:
+        taken = [each for _ in range(_LOOPS_BETWEEN) for each in soak.loop()]
+        gc.collect()
+        with open('/proc/self/statm', encoding='ascii') as file:
+            memory = int(file.read().split()[1]) * _PAGE / 1e6
+        looks.append(Look(soak.hours, memory, len(os.listdir('/proc/self/fd')), float(np.median(taken)) * 1e3))
+    return looks
+
+
+def judged(looks: Sequence[Look]) -> dict[str, Slope]:
+    """Return the slopes per hour of sweeps of what was seen after the warm-up."""
+    kept = looks[round(_WARM_UP * len(looks)) :]
+    hours = [look.hours for look in kept]
+    names = ('memory', 'descriptors', 'latency')
+    return {name: slope(hours, [getattr(look, name) for look in kept]) for name in names}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status: 1 where memory grows by more than 1 MB per hour, or descriptors do."""
+    parser = Parser(prog='drfmcw soak', description=__doc__)
+    parser.add_argument('hours', type=float, nargs='?', default=24.0, help='of sweeps at 50 per second (24)')
+    parser.add_argument(
+        '--limit', type=float, default=math.inf, metavar='MINUTES', help='stop after so long by the clock'
+    )
+    parser.add_argument('--estimator', default='hann', choices=('paper', 'hann', 'ml', 'pair'), help='of the stations')
+    parser.add_argument('--json', metavar='FILE', help='write every look')
+    arguments = parser.parse_args(argv)
+    return guarded(parser.prog, lambda: _soak(arguments.hours, arguments.limit, arguments.estimator, arguments.json))
+
+
+def _soak(hours: float, limit: float, estimator: str, path: str | None) -> int:
+    if not (0.0 < hours < math.inf and limit > 0.0):
+        raise ConfigurationError(f'{hours:g} hours, --limit {limit:g}: both must be above 0')
+    looks = run(hours, 60.0 * limit, estimator)
+    slopes = judged(looks)
+    units = {'memory': 'MB', 'descriptors': '', 'latency': 'ms'}
+    print(f'{looks[-1].hours:.2f} hours of sweeps, {len(looks)} looks')
+    for name, found in slopes.items():
+        last = getattr(looks[-1], name)
+        print(f'{name}: {last:.4g} {units[name]}, {found.value:+.3g} +- {found.half_width:.2g} {units[name]}/h (95 %)')
+    if path:
+        write_atomically(path, json.dumps([dataclasses.asdict(look) for look in looks]) + '\n')
+    memory = slopes['memory']
+    return 1 if slopes['descriptors'].grows or memory.value - memory.half_width > 1.0 else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
