@@ -116,11 +116,12 @@ def subscription(
                 numbers(info['publication_sequence_number'])
         callback(messages)
 
+    taking: Any = drain if batch else callback  # rclpy passes what its signature asks for, which its types lack
     created.append(
         node.create_subscription(
             message_type,
             topic,
-            drain if batch else callback,
+            taking,
             profile,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(entity_id=instance),
             raw=raw,
