@@ -94,6 +94,8 @@ class Expected:
     def added(self) -> np.ndarray:
         """Power that effects add to each bin beside the lines (G, S, B) [LSB^2]."""
         added = np.maximum(self.features.power - self.plain.features.power, 0.0).astype(float)
+        if self.effects:
+            added += self.model.random_power(self.part, self.effects, added.shape[-1])
         added[self.model.recorded.bands.at_line(self.features.line, added.shape[-1])] = 0.0
         return added
 
@@ -171,6 +173,24 @@ class Predictor:
     def joined(self, found: Sequence[np.ndarray], per_sweep: bool) -> np.ndarray:
         """Return numbers of the parts' groups, or of their sweeps, as those of all in their order."""
         return np.concatenate(found)[self._sweep_order if per_sweep else self._group_order]
+
+    def random_power(self, part: Part, effects: Sequence[Effect], bins: int) -> np.ndarray | float:
+        """Return the power of random phase that effects add to each bin of spectra (G, S, B) [LSB^2]."""
+        acting = [e for e in effects if ActsOn.NOISE in e.acts_on]
+        if not acting:
+            return 0.0
+        state = acted(part, effects)
+        rate = self.recorded.sample_rate
+        # of real samples all power lies at positive frequencies
+        noise = rate if self.recorded.topology.iq else rate / 2.0
+        frequency = np.arange(bins) * (rate / 2.0 / (bins - 1))
+        return np.stack(
+            [
+                window * noise * sum(np.zeros((len(part.groups), bins)) + e.random_power(s, state, frequency) for e in acting)
+                for window, s in zip(part.extract.window_power, (state.stations[i] for i in self.recorded.heard), strict=True)
+            ],
+            axis=1,
+        )
 
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
