@@ -115,7 +115,7 @@ class Measured(Effect, name='measured', registered=False):
     """What a recording holds beyond its model and its effects: measured, not physics."""
 
     acts_on = ActsOn.PHASE | ActsOn.AMPLITUDE | ActsOn.DELAY | ActsOn.SAMPLES | ActsOn.NOISE
-    stage = Stage.PATHS  # covariates follow the final distance
+    stage = Stage.GEOMETRY  # covariates follow the distance
 
     model: MeasuredModel
     noisy: bool = True  # draws the random power; the diagnosis predicts its mean instead

@@ -127,12 +127,49 @@ class NextMeasurement:
 
 
 @dataclasses.dataclass(frozen=True)
+class MeasuredCurve:
+    """One curve of a measured remainder."""
+
+    label: str  # kind of number and station, in words
+    quantities: tuple[str, ...]  # that simulate it, as in `drfmcw_sim.measured`
+    axis: str  # covariate over which it changes, '' for none
+    terms: int | None  # numbers over the sweep or the spectrum; None: of the samples or of single lines
+    freedom: float | None  # values that the data determine of each, over the covariate
+    elsewhere: float | None  # share of it that is also predicted where it was not learnt [1]; None: not testable
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomPart:
+    """Statistics of what does not repeat from sweep to sweep at one station."""
+
+    station: str
+    spectrum: tuple[tuple[float, float, float | None], ...]  # (from [Hz], to [Hz], power beyond the model [dB])
+    strongest: float  # share of the power beside the line in the strongest hundredth of the spans of 64 samples [1]
+    sweep_std: float  # standard deviation of that power from sweep to sweep [dB]
+    modulation: float | None  # frequency at which amplitude or phase change most from sweep to sweep [Hz]
+
+
+@dataclasses.dataclass(frozen=True)
+class MeasuredRemainder:
+    """What no effect explains, learnt from the data where it repeats: measured, not physics."""
+
+    curves: tuple[MeasuredCurve, ...]  # none where nothing of it repeats
+    repeats: float  # share of the excess misfit that the curves predict, of held-out sweeps where there are some [1]
+    fitted: BeforeAfter  # misfit per degree of freedom with the effects alone, and with the curves as well
+    held_out: BeforeAfter | None
+    unmodelled: tuple[str, ...]  # kinds of numbers that the curves leave beyond chance
+    random: tuple[RandomPart, ...]  # where not all of it repeats
+
+
+@dataclasses.dataclass(frozen=True)
 class Remainder:
     """What an explanation leaves beyond chance."""
 
     probability: float  # of so much by chance
     share: float  # of the excess misfit before
     locations: tuple[Location, ...]
+    measured: MeasuredRemainder | None = None
+    model: str | None = None  # path of the measured remainder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,6 +196,7 @@ class Diagnosis:
     command: str = ''  # that gave this diagnosis
     measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
     remainder: Remainder | None = None  # what the effects leave beyond chance
+    learnt: tuple[Series, ...] = ()  # what the effects leave, with the measured curves
     places: int | None = None  # positions searched, over which chance is counted
 
     def as_object(self) -> dict[str, Any]:
@@ -174,7 +212,8 @@ class Diagnosis:
                 'probability': _known(self.remainder.probability),
                 'share': _known(self.remainder.share),
                 'locations': list(map(_location, self.remainder.locations)),
-                'model': None,
+                'model': self.remainder.model,
+                'measured': None if self.remainder.measured is None else _plain(self.remainder.measured),
             },
             'effects': [] if self.explanation is None else [_effect(e) for e in self.explanation.effects],
             'alternatives': [
@@ -203,6 +242,14 @@ class Diagnosis:
             'not_testable': list(self.not_testable),
             'summary': list(self.sentences),
         }
+
+
+def _plain(measured: MeasuredRemainder) -> dict[str, Any]:
+    """Return a measured remainder as plain objects."""
+    found = dataclasses.asdict(measured)
+    for part in found['random']:
+        part['spectrum'] = [{'from': a, 'to': b, 'beyond': c} for a, b, c in part['spectrum']]
+    return found
 
 
 def _location(x: Location) -> dict[str, Any]:

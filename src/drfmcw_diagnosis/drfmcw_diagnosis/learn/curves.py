@@ -23,7 +23,7 @@ class Curve:
 
     kind: str
     row: int  # station or channel; 0 of the path
-    smooth: Smooth  # in the kind's own numbers
+    smooth: Smooth | None  # in the kind's own numbers; None of what is added to the IF
     terms: tuple[Term, ...]
 
 
@@ -54,20 +54,21 @@ def _concerned(comparison: Comparison, kind: str, row: int) -> Sequence[str]:
 def _corrected(left: LeftOver, found: list[Curve]) -> list[Curve]:
     """Return curves whose simulation shows what they are to show."""
     c = left.comparison
-    target = [curve.smooth.values for curve in found]
+    smooths = [curve.smooth for curve in found if curve.smooth is not None]
+    target = [curve.values for curve in smooths]
     given = list(target)
     for _ in range(LEARNING.rounds if found else 0):
         measured = Measured(model_of(c, [t for x in found for t in x.terms]), noisy=False)
         changed = c.predict((*left.effects, measured))
-        for number, curve in enumerate(found):
+        for number, (curve, smoothed) in enumerate(zip(found, smooths, strict=True)):
             after, before = (_rows(g[curve.kind], curve.row) for g in (changed, left.predicted))
-            _, point = points(curve.smooth.covariate)
+            _, point = points(smoothed.covariate)
             shown = np.zeros(target[number].shape)
             np.add.at(shown, point, after - before)
             shown /= np.bincount(point)[:, None]
             given[number] = given[number] + target[number] - shown
-            given[number][:, curve.smooth.terms :] = 0.0
-            moved = dataclasses.replace(curve.smooth, values=given[number])
+            given[number][:, smoothed.terms :] = 0.0
+            moved = dataclasses.replace(smoothed, values=given[number])
             found[number] = dataclasses.replace(curve, terms=_MAKERS[curve.kind](c, curve.row, moved))
     return found
 

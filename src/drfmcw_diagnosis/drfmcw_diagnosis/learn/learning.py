@@ -1,7 +1,8 @@
 """The measured remainder of a comparison: which terms there are, how far they hold, and what does not repeat."""
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -23,13 +24,23 @@ _SPECTRAL = ('lines', 'mean')  # kinds of numbers in which a background shows
 class Learnt:
     """What was learnt from one comparison."""
 
-    model: MeasuredModel
+    comparison: Comparison
     curves: tuple[Curve, ...]
 
     @property
+    def model(self) -> MeasuredModel:
+        """What the simulator reads."""
+        return model_of(self.comparison, [t for curve in self.curves for t in curve.terms])
+
+    @functools.cached_property
     def effect(self) -> Measured:
         """What simulates it in a comparison."""
         return Measured(self.model, noisy=False)
+
+    def only(self, kept: Collection[tuple[str, int]]) -> 'Learnt | None':
+        """Return the curves of some kinds and rows, None where there is none."""
+        curves = tuple(c for c in self.curves if (c.kind, c.row) in kept)
+        return Learnt(self.comparison, curves) if curves else None
 
 
 def learnt(comparison: Comparison, effects: Sequence[Effect], leftovers: Sequence[Leftover]) -> Learnt | None:
@@ -41,27 +52,32 @@ def learnt(comparison: Comparison, effects: Sequence[Effect], leftovers: Sequenc
         leftovers: what these leave beyond chance: nothing else is learnt.
     """
     wanted = [(x.kind, x.station) for x in leftovers]
-    present = tuple(effects)
-    added: list[Term] = []
     found: list[Curve] = []
-    for station in sorted({s for kind, s in wanted if kind in _SPECTRAL}):
-        added += background(LeftOver(comparison, present), station)
-    for station in sorted({s for kind, s in wanted if kind == 'lines'}):
-        added += line_terms(LeftOver(comparison, _with(comparison, present, added)), station)
+
+    def left() -> LeftOver:
+        return LeftOver(comparison, (*effects, Learnt(comparison, tuple(found)).effect) if found else effects)
+
+    for kinds, name, make in (
+        (_SPECTRAL, 'mean', background),
+        (('lines',), 'lines', line_terms),
+    ):
+        for station in sorted({s for kind, s in wanted if kind in kinds}):
+            terms = make(left(), station)
+            found += [Curve(name, station, None, terms)] if terms else []
     for station in sorted({s for kind, s in wanted if kind == 'noise'}):
-        left = LeftOver(comparison, _with(comparison, present, added))
-        curve, terms = noise_terms(left, station)
-        added += terms
-        if curve is not None:
-            found.append(Curve('noise', station, curve, terms))
-    found += curves(LeftOver(comparison, _with(comparison, present, added)), wanted)
-    terms_ = [*added, *(t for curve in found if curve.kind != 'noise' for t in curve.terms)]
-    return Learnt(model_of(comparison, terms_), tuple(found)) if terms_ else None
+        curve, terms = noise_terms(left(), station)
+        found += [Curve('noise', station, curve, terms)] if terms else []
+    bent = curves(left(), [x for x in wanted if x[0] == 'ramp'])
+    found += bent
+    # what bends phases over the sweep also moves lines
+    others = [x for x in wanted if x[0] != 'ramp'] + (_moved(comparison) if bent else [])
+    found += curves(left(), list(dict.fromkeys(others)))
+    return Learnt(comparison, tuple(found)) if found else None
 
 
-def _with(comparison: Comparison, effects: tuple[Effect, ...], terms: Sequence[Term]) -> tuple[Effect, ...]:
-    """Return effects with what has been learnt so far."""
-    return (*effects, Measured(model_of(comparison, terms), noisy=False)) if terms else effects
+def _moved(comparison: Comparison) -> list[tuple[str, int]]:
+    """Return kinds and rows that a response over the sweep may move, as `Leftover` has them."""
+    return [('beat', -1), ('range', -1), *(('amplitude', i) for i in range(len(comparison.receivers)))]
 
 
 def uncertainty(comparison: Comparison, found: Learnt) -> np.ndarray:
@@ -70,6 +86,8 @@ def uncertainty(comparison: Comparison, found: Learnt) -> np.ndarray:
     result = np.zeros(len(c.residual))
     kinds = {kind.name: kind for kind in c.kinds}
     for curve in found.curves:
+        if curve.smooth is None:
+            continue
         kind = kinds[curve.kind]
         std = c.std[curve.kind]
         std = (std[:, None] if std.ndim == 1 else std)[:, curve.row].reshape(len(c.members), -1)
