@@ -10,6 +10,7 @@ import numpy as np
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_sim.effects import Effect
 
+from .compare.algebra import scaled_inverse
 from .compare.comparison import Comparison
 from .compare.limits import SCATTER
 from .finding.measured import MODEL, measured_remainder, write_model
@@ -68,6 +69,7 @@ def diagnose(
     command: str = '',
     without: Collection[str] = (),
     jobs: int = 1,
+    covariances: bool = False,
 ) -> Diagnosis:
     """Return what a recording holds beyond its nominal model.
 
@@ -80,6 +82,7 @@ def diagnose(
         command: that was given, for the report.
         without: effects that are not searched for.
         jobs: processes that work at once, forked from this one.
+        covariances: compute how the parameters of each effect correlate, to combine recordings.
 
     Raises:
         BagError: the recording cannot be read.
@@ -87,7 +90,8 @@ def diagnose(
     """
     if progress is not None:
         progress('reading', 0.0)
-    return diagnose_dataset(read_dataset(path, pair), false_alarm_rate, out, progress, command, without, jobs)
+    data = read_dataset(path, pair)
+    return diagnose_dataset(data, false_alarm_rate, out, progress, command, without, jobs, covariances)
 
 
 def diagnose_dataset(
@@ -98,6 +102,7 @@ def diagnose_dataset(
     command: str = '',
     without: Collection[str] = (),
     jobs: int = 1,
+    covariances: bool = False,
 ) -> Diagnosis:
     """Return what sweeps hold beyond their nominal model; arguments and errors as `diagnose`."""
     for effect in without:
@@ -116,6 +121,8 @@ def diagnose_dataset(
         deciding = ranked(search, chosen, alternatives)
     report('held-out sweeps', 0.95)
     explanation = _explanation(search, chosen) if chosen else None
+    if explanation and chosen and covariances:
+        explanation = _correlated(search, explanation, chosen)
     verification = _verification(data, rows, chosen)
     held_out = verification.held_out
     measured, found = measured_remainder(comparison, chosen, judgement.remainder, verification.fitted, held_out)
@@ -142,6 +149,7 @@ def diagnose_dataset(
         sweeps_fitted=verification.sweeps[0],
         sweeps_held_out=verification.sweeps[1],
         command=command,
+        stations=data.stations,
         places=search.places,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
@@ -252,6 +260,20 @@ def _fit(comparison: Comparison, chosen: Fitted | None, data: Dataset, verificat
 def _explanation(search: Search, fitted: Fitted) -> Explanation:
     """Return a fitted explanation in the words of the interface."""
     return Explanation(tuple(_found(search, fitted, e) for e in fitted.effects), fitted.evidence)
+
+
+def _correlated(search: Search, explanation: Explanation, fitted: Fitted) -> Explanation:
+    """Return an explanation with the correlations of each effect's parameters, the others' free."""
+    slopes = search.whitening(search.slopes(fitted))
+    covariance = scaled_inverse(slopes @ slopes.T)
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(std, std)
+    effects, first = [], 0
+    for found, effect in zip(explanation.effects, fitted.effects, strict=True):
+        own = slice(first, first + len(effect.candidate.free))
+        first = own.stop
+        effects.append(dataclasses.replace(found, correlation=tuple(map(tuple, correlation[own, own].tolist()))))
+    return dataclasses.replace(explanation, effects=tuple(effects))
 
 
 def _entry(effect: FittedEffect) -> tuple[str, str | None, dict]:

@@ -60,8 +60,8 @@ def _elsewhere(measured: MeasuredRemainder) -> list[str]:
         return []
     names = '; '.join(f'{c.label} (over {_OVER[c.axis]})' for c in poor)
     return [
-        f'Left out of the learning, a point is predicted poorly by its neighbours: {names}. Such a curve holds only under '
-        'the conditions of this recording.'
+        f'Left out of the learning, a point is predicted poorly by its neighbours: {names}. Such a curve '
+        'holds only under the conditions of this recording.'
     ]
 
 
