@@ -18,7 +18,6 @@ from drfmcw_sim.effects import Effect, Of
 from ..finding.result import Diagnosis, Estimate, FoundEffect
 from .limits import JOINT
 
-
 NOT_VISIBLE = 'not visible'
 """What a recording says that can show neither that an effect is there nor that it is not."""
 
