@@ -32,7 +32,8 @@ def analogue(m, *effects):
 
 
 def test_the_file_holds_the_model_and_the_same_model_gives_the_same_bytes(tmp_path):
-    model = measured(term('phase', BUMP, grid=TIME), term('delay', [[1e-9], [2e-9]], '', axis='range', at=(10, 20))).model
+    delay = term('delay', [[1e-9], [2e-9]], '', axis='range', at=(10, 20))
+    model = measured(term('phase', BUMP, grid=TIME), delay).model
     write_measured(tmp_path / 'one.npz', model)
     write_measured(tmp_path / 'two.npz', model)
     assert (tmp_path / 'one.npz').read_bytes() == (tmp_path / 'two.npz').read_bytes()

@@ -12,7 +12,7 @@ from ..learn.curves import Curve
 from ..learn.learning import Learnt, learnt
 from ..search.fitting import Fitted
 from ..search.leftovers import Leftover
-from .limits import REPEATS
+from .limits import REPEATS, VIEWS
 from .result import BeforeAfter, MeasuredCurve, MeasuredRemainder, RandomPart
 from .views import names, remainder
 
@@ -50,8 +50,7 @@ def measured_remainder(
     if found is not None and full is not None:
         full = full.only({(c.kind, c.row) for c in found.curves})
     judged = outside or inside
-    excess = judged.before - 1.0
-    repeats = float(np.clip((judged.before - judged.after) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
+    repeats = _repeating(held_out or part, again, found, leftovers) if found is not None else 0.0
     unmodelled: tuple[str, ...] = ()
     random: tuple[RandomPart, ...] = ()
     if repeats < REPEATS.wholly or judged.after > REPEATS.complete:
@@ -77,6 +76,20 @@ def _change(comparison: Comparison, fitted: Fitted | None, found: Learnt | None)
     """Return the misfit per degree of freedom of the effects alone, and with what was learnt."""
     before = float(np.nanmean(remainder(comparison, fitted) ** 2))
     return BeforeAfter(before, float(np.nanmean(remainder(comparison, fitted, found) ** 2)) if found else before)
+
+
+def _repeating(comparison: Comparison, fitted: Fitted | None, found: Learnt, leftovers: Sequence[Leftover]) -> float:
+    """Return the share of the excess beyond chance that the curves predict, of the numbers that were left over."""
+    c = comparison
+    kinds = {kind.name: kind for kind in c.kinds}
+    rows = [c.rows(kinds[x.kind], x.station) for x in leftovers if x.kind in kinds]
+    chosen = np.concatenate(rows) if rows else np.zeros(0, int)
+    excess = []
+    for learned in (None, found):
+        z = remainder(c, fitted, learned)[chosen]
+        z = z[np.isfinite(z)]
+        excess.append(max(float(z @ z) - len(z) - VIEWS.beyond_chance * np.sqrt(2.0 * len(z)), 0.0))
+    return float(np.clip(1.0 - excess[1] / excess[0], 0.0, 1.0)) if excess[0] else 1.0
 
 
 def _predicting(held_out: Comparison, fitted: Fitted | None, found: Learnt) -> set[tuple[str, int]]:

@@ -81,7 +81,7 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
         axes[-1].set_xticks(np.arange(len(shown.columns)) + 0.5)
         options = {'rotation': 35, 'ha': 'right', 'rotation_mode': 'anchor'} if turned else {}
         axes[-1].set_xticklabels(shown.columns, parse_math=False, **options)
-        bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=18)
+        bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=5.0 * height)
         ticks = [
             m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if max(1.0 / largest, 0.3) <= m * 10.0**e <= largest
         ]

@@ -27,7 +27,7 @@ def sentences(rest: Remainder) -> list[str]:
         said = [
             f'What repeats of it was learnt from the data: it is measured, not physics. {_listed(measured)}.',
             f'On the {on} sweeps it lowers the misfit from {wording.misfit(judged.before)} to '
-            f'{wording.misfit(judged.after)} and predicts {wording.share(measured.repeats)} of the excess.',
+            f'{wording.misfit(judged.after)} and predicts {wording.share(measured.repeats)} of what exceeds chance.',
         ]
         said += _elsewhere(measured)
     else:

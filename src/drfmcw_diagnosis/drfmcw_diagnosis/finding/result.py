@@ -155,7 +155,9 @@ class MeasuredRemainder:
     """What no effect explains, learnt from the data where it repeats: measured, not physics."""
 
     curves: tuple[MeasuredCurve, ...]  # none where nothing of it repeats
-    repeats: float  # share of the excess misfit that the curves predict, of held-out sweeps where there are some [1]
+    repeats: (
+        float  # share of what is left beyond chance that the curves predict, of held-out sweeps if there are any [1]
+    )
     fitted: BeforeAfter  # misfit per degree of freedom with the effects alone, and with the curves as well
     held_out: BeforeAfter | None
     unmodelled: tuple[str, ...]  # kinds of numbers that the curves leave beyond chance

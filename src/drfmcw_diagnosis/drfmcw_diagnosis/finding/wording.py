@@ -314,7 +314,7 @@ def _finding(diagnosis: Diagnosis) -> list[str]:
     elif diagnosis.verdict == 'partial':
         one = len(effects) == 1
         said = [
-            f'The model does not match the recording. {_count(len(effects), "effect")} '
+            f'The model does not match the recording. {"One effect" if one else _count(len(effects), "effect")} '
             f'{"is" if one else "are"} there beyond doubt, but {"it does" if one else "they do"} not explain the whole '
             'mismatch.'
         ]
