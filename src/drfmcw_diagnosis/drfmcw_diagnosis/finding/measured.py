@@ -1,5 +1,6 @@
 """The measured remainder as a finding: what was learnt, how well it predicts held-out sweeps, and what is random."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -168,7 +169,7 @@ def _modulation(comparison: Comparison, station: int) -> float | None:
             continue
         rows = comparison.rows(kind, row)
         z = comparison.residual[rows].reshape(len(comparison.members), -1)
-        together = z.sum(axis=0) / np.sqrt(max(np.count_nonzero(z.any(axis=1)), 1))
+        together = z.sum(axis=0) / math.sqrt(max(int(np.count_nonzero(z.any(axis=1))), 1))
         at = int(together.argmax())
         largest = float(together[at])
         if largest > REPEATS.rhythm and (best is None or largest > best[0]):
