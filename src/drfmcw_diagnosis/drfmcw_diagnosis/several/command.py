@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.progress import Progress
 
 from ..finding import report as single
 from .elsewhere import answered, questions
@@ -67,7 +68,7 @@ def _work(orders: Sequence[Order], wanted: Wanted, place: Place) -> tuple[list[O
     """Return what became of the recordings, and what they say together, showing the progress."""
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
 
         def note(text: str) -> None:
             console.print(f'drfmcw diagnose: {text}', highlight=False)
