@@ -170,10 +170,13 @@ class RepeatLimits:
     """Share of the excess misfit [1], from which on it repeats as a whole; chosen."""
 
     complete: float = 1.1
-    """Misfit per degree of freedom up to which a measured remainder is complete [1]; the interface's goal."""
+    """Misfit per degree of freedom up to which a measured remainder is complete [1]; chosen, as the goal is stated."""
 
     exceeding: float = 4.0
     """Standard deviations by which a kind of number must exceed noise to be named; chosen."""
+
+    steady: float = 0.02
+    """Share of the power that the strongest hundredth of spans of steady noise holds, at most [1]; measured: 1.6 %."""
 
     elsewhere: float = 0.5
     """Share of a curve that must be predicted where it was not learnt, for it to hold between [1]; chosen."""

@@ -12,7 +12,6 @@ _OVER = {
     'board_temperature': 'the board temperature',
     'time': 'the time in the recording',
 }
-_STEADY = 0.02  # share of the power that the strongest hundredth of spans of steady noise holds, at most [1]
 
 
 def sentences(rest: Remainder) -> list[str]:
@@ -73,7 +72,7 @@ def random_sentence(part: RandomPart) -> str:
         low, high, level = max(beyond, key=lambda band: abs(band[2]))
         unit, shown = wording.scaled(high, 'Hz')
         said.append(f'noise {level:+.1f} dB beyond the model at {low * unit:.0f} to {high * unit:.0f} {shown}')
-    if part.strongest > _STEADY:
+    if part.strongest > REPEATS.steady:
         said.append(
             f'{wording.share(part.strongest)} of the power beside the line in the strongest hundredth of the spans'
         )

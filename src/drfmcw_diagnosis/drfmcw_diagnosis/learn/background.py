@@ -10,8 +10,6 @@ from .evidence import LeftOver
 from .limits import LEARNING
 from .smoothing import Sample, first_terms
 
-_CHUNK = 32  # sweeps whose lines are fitted together
-
 
 def background(left: LeftOver, station: int) -> tuple[Term, ...]:
     """Return the repeating background of a station, in I and Q apart; nothing where none is beyond chance.
@@ -66,8 +64,8 @@ def _beside_line(left: LeftOver, station: int, group: int) -> np.ndarray:
     inside = (index >= np.ceil(start * sweeps[heard].sample_rate)) & (index < end * sweeps[heard].sample_rate)
     envelope = np.polynomial.chebyshev.chebvander(np.linspace(-1.0, 1.0, inside.sum()), LEARNING.envelope - 1)
     result = np.zeros(samples.shape, samples.dtype)
-    for begin in range(0, len(samples), _CHUNK):
-        rows = slice(begin, begin + _CHUNK)
+    for begin in range(0, len(samples), LEARNING.chunk):
+        rows = slice(begin, begin + LEARNING.chunk)
         result[rows, inside] = _rest(samples[rows][:, inside], frequency[rows], index[inside], envelope)
     if not iq:
         return result

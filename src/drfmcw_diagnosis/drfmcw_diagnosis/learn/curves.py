@@ -14,8 +14,6 @@ from .evidence import LeftOver
 from .limits import LEARNING
 from .smoothing import Smooth, points, smooth
 
-_PROBE = 1e-3  # by which a response is changed to see what it does to the features [rad]
-
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
@@ -120,10 +118,10 @@ def _mixing(comparison: Comparison) -> np.ndarray:
     of_phase = [i for i, x in enumerate(comparison.channels) if x.of_phase]
     shape = np.cos(np.linspace(0.0, 4.0 * np.pi, len(comparison.time)))
     shown = np.empty((len(of_phase), len(comparison.receivers)))
-    wanted = scipy.fft.dct(_PROBE * shape, norm='ortho')[2:]
+    wanted = scipy.fft.dct(LEARNING.probe * shape, norm='ortho')[2:]
     for i, name in enumerate(comparison.receivers):
         time = sweep_time(comparison, i)
-        term = Term('phase', name, '', '', np.zeros(1), time, _PROBE * shape[None])
+        term = Term('phase', name, '', '', np.zeros(1), time, LEARNING.probe * shape[None])
         probe = Measured(model_of(comparison, [term]), noisy=False)
         change = (comparison.predict((probe,))['ramp'] - comparison.plain['ramp'])[:, of_phase, 2:].mean(axis=0)
         shown[:, i] = change @ wanted / (wanted @ wanted)

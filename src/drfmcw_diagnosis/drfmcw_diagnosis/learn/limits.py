@@ -42,6 +42,13 @@ class LearningLimits:
     least_floor: float = 0.05
     """Share of the additive noise that a measured remainder leaves, at least [1]; chosen."""
 
+    probe: float = 1e-3
+    """Phase by which a response is changed to see how it shows in the features [rad]; chosen: small enough to be
+    linear."""
+
+    chunk: int = 32
+    """Sweeps whose lines are fitted together; chosen: some 10 MB."""
+
     deconvolved: int = 20
     """Iterations by which the window's width is taken out of a spectrum; chosen."""
 
