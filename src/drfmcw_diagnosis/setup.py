@@ -8,7 +8,7 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*']),
-    package_data={NAME + '.finding': ['templates/*.html']},
+    package_data={NAME + '.finding': ['templates/*.html'], NAME + '.several': ['templates/*.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         ('share/' + NAME, ['package.xml']),

@@ -19,6 +19,8 @@ from drfmcw_ros.progress import Progress
 from .engine import LIMITS, diagnose
 from .finding.report import render_html
 from .finding.summary import terminal
+from .several.command import Wanted, diagnose_several
+from .several.running import Place
 
 
 def parser() -> argparse.ArgumentParser:
@@ -26,9 +28,13 @@ def parser() -> argparse.ArgumentParser:
     result = Parser(
         prog='drfmcw diagnose',
         description='Compare a recording with the model of its own settings, calibrations, weather and reference, and '
-        'say what physics the model leaves out.',
+        'say what physics the model leaves out. Exit status: 0 whatever the verdict; 2 if a recording cannot be read '
+        'or lacks what is needed (the others are diagnosed), or a file cannot be written.',
     )
-    result.add_argument('recording', help='rosbag2 recording of raw IF samples, of both stations or of one')
+    result.add_argument(
+        'recordings', metavar='RECORDING', nargs='+',
+        help='rosbag2 recording of raw IF samples, of both stations or of one; of several, also what they share',
+    )  # fmt: skip
     add_damage_option(result)
     result.add_argument('--json', metavar='FILE', help='write the finding as JSON')
     result.add_argument('--html', metavar='FILE', help='write a report')
@@ -40,6 +46,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     result.add_argument('--without', default='', metavar='EFFECT[,EFFECT]', help='search without these effects')
     result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='processes (default: all cores)')
+    result.add_argument('--scheduler', metavar='ADDRESS', help='Dask scheduler whose workers do several recordings')
     return result
 
 
@@ -50,13 +57,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     return guarded('drfmcw diagnose', lambda: _run(arguments, shlex.join(words)))
 
 
-def _run(arguments: argparse.Namespace, command: str) -> None:
+def _run(arguments: argparse.Namespace, command: str) -> int:
     if not 0.0 < arguments.false_alarm_rate < 1.0:
         raise ConfigurationError(f'--false-alarm-rate = {arguments.false_alarm_rate:g} is not between 0 and 1')
     if arguments.jobs < 1:
         raise ConfigurationError(f'--jobs = {arguments.jobs} is not at least 1')
     without = tuple(filter(None, (name.strip() for name in arguments.without.split(','))))
     out = Path(arguments.out) if arguments.out else None
+    if len(arguments.recordings) > 1 or arguments.scheduler:
+        wanted = Wanted(
+            tuple(arguments.recordings),
+            out,
+            arguments.json,
+            arguments.html,
+            arguments.pair,
+            arguments.false_alarm_rate,
+            without,
+            command,
+        )
+        return diagnose_several(wanted, Place(arguments.jobs, arguments.scheduler))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
@@ -64,7 +83,7 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
     with Progress(*columns, console=console) as bar:
         task = bar.add_task('reading', total=1.0)
         diagnosis = diagnose(
-            arguments.recording,
+            arguments.recordings[0],
             arguments.pair,
             arguments.false_alarm_rate,
             out,
@@ -81,6 +100,7 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
         configuration = Path(diagnosis.refined_config).read_text(encoding='utf-8') if diagnosis.refined_config else ''
         write_atomically(page, render_html(diagnosis, configuration))
     Console().print(terminal(diagnosis, page))
+    return 0
 
 
 if __name__ == '__main__':

@@ -10,12 +10,25 @@ import numpy as np
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_sim.effects import Effect
 
+from .compare.algebra import scaled_inverse
 from .compare.comparison import Comparison
 from .compare.limits import SCATTER
+from .finding.measured import MODEL, measured_remainder, write_model
 from .finding.refined import write_scenario
-from .finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, NextMeasurement, Remainder
-from .finding.views import locations, misfit_map, remainder, separability, series
+from .finding.result import (
+    BeforeAfter,
+    Diagnosis,
+    Estimate,
+    Explanation,
+    Fit,
+    FoundEffect,
+    MeasuredRemainder,
+    NextMeasurement,
+    Remainder,
+)
+from .finding.views import learnt_series, locations, misfit_map, remainder, separability, series
 from .finding.wording import sentences
+from .learn.learning import Learnt
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
 from .recording.thinning import representative
@@ -56,6 +69,7 @@ def diagnose(
     command: str = '',
     without: Collection[str] = (),
     jobs: int = 1,
+    covariances: bool = False,
 ) -> Diagnosis:
     """Return what a recording holds beyond its nominal model.
 
@@ -68,6 +82,7 @@ def diagnose(
         command: that was given, for the report.
         without: effects that are not searched for.
         jobs: processes that work at once, forked from this one.
+        covariances: compute how the parameters of each effect correlate, to combine recordings.
 
     Raises:
         BagError: the recording cannot be read.
@@ -75,7 +90,8 @@ def diagnose(
     """
     if progress is not None:
         progress('reading', 0.0)
-    return diagnose_dataset(read_dataset(path, pair), false_alarm_rate, out, progress, command, without, jobs)
+    data = read_dataset(path, pair)
+    return diagnose_dataset(data, false_alarm_rate, out, progress, command, without, jobs, covariances)
 
 
 def diagnose_dataset(
@@ -86,6 +102,7 @@ def diagnose_dataset(
     command: str = '',
     without: Collection[str] = (),
     jobs: int = 1,
+    covariances: bool = False,
 ) -> Diagnosis:
     """Return what sweeps hold beyond their nominal model; arguments and errors as `diagnose`."""
     for effect in without:
@@ -104,48 +121,68 @@ def diagnose_dataset(
         deciding = ranked(search, chosen, alternatives)
     report('held-out sweeps', 0.95)
     explanation = _explanation(search, chosen) if chosen else None
-    refined = None
-    if chosen and out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        refined = str(Path(out) / 'refined.yaml')
-        write_scenario(refined, data, [_entry(e) for e in chosen.effects])
-    fitted_rows, held_rows = _split(data, rows)
+    if explanation and chosen and covariances:
+        explanation = _correlated(search, explanation, chosen)
+    verification = _verification(data, rows, chosen)
+    held_out = verification.held_out
+    measured, found = measured_remainder(comparison, chosen, judgement.remainder, verification.fitted, held_out)
+    refined, model = _written(out, data, chosen, found)
     diagnosis = Diagnosis(
         recording=data.path,
         verdict=verdict,
         significance=judgement.significance,
         false_alarm_rate=false_alarm_rate,
         locations=locations(comparison),
-        remainder=_remainder(comparison, judgement),
+        remainder=_remainder(comparison, judgement, measured, model),
+        learnt=learnt_series(comparison, chosen, found),
         explanation=explanation,
         alternatives=tuple(_explanation(search, r) for r in alternatives),
         next_measurement=deciding[0].sentence if deciding and deciding[0].decides else None,
         measurements=deciding,
-        fit=_fit(comparison, chosen, data, fitted_rows, held_rows),
+        fit=_fit(comparison, chosen, data, verification),
         refined_config=refined,
         not_testable=_not_testable(data, search, without),
         sentences=(),
         series=series(comparison, chosen),
         misfit_map=misfit_map(comparison, chosen),
         separability=separability(result.rounds),
-        sweeps_fitted=len(fitted_rows),
-        sweeps_held_out=len(held_rows),
+        sweeps_fitted=verification.sweeps[0],
+        sweeps_held_out=verification.sweeps[1],
         command=command,
+        stations=data.stations,
         places=search.places,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
 
 
-def _remainder(comparison: Comparison, judgement: Judgement) -> Remainder | None:
-    """Return what the effects that are named leave beyond chance, None where nothing is left or none is named."""
-    if judgement.explanation is None or not judgement.remainder:
+def _written(
+    out: Path | None, data: Dataset, chosen: Fitted | None, found: Learnt | None
+) -> tuple[str | None, str | None]:
+    """Write refined configuration and measured remainder; return their paths, None of what there is not."""
+    if out is None or not (chosen or found):
+        return None, None
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    model = write_model(folder, found) if found is not None else None
+    refined = str(folder / 'refined.yaml')
+    effects = [_entry(e) for e in chosen.effects] if chosen else []
+    write_scenario(refined, data, effects, MODEL if model is not None else None)
+    return refined, model
+
+
+def _remainder(
+    comparison: Comparison, judgement: Judgement, measured: MeasuredRemainder | None, model: str | None
+) -> Remainder | None:
+    """Return what the effects that are named leave beyond chance, None where nothing is left."""
+    if not judgement.remainder:
         return None
     rest = remainder(comparison, judgement.explanation)
     used = np.isfinite(rest)
     after = float(np.sum(rest[used] ** 2)) - np.count_nonzero(used)
     before = float(np.sum(comparison.residual[used] ** 2)) - np.count_nonzero(used)
     share = float(np.clip(after / max(before, 1.0), 0.0, 1.0))
-    return Remainder(judgement.remainder[0].probability, share, locations(comparison, rest))
+    probability = judgement.remainder[0].probability
+    return Remainder(probability, share, locations(comparison, rest), measured, model)
 
 
 def check(data: Dataset) -> tuple[float, float]:
@@ -179,16 +216,30 @@ def _per_freedom(comparison: Comparison, chosen: Fitted | None) -> float:
     return float(np.nanmean(rest**2))
 
 
-def _fit(
-    comparison: Comparison, chosen: Fitted | None, data: Dataset, fitted_rows: np.ndarray, held_rows: np.ndarray
-) -> Fit:
-    """Return misfits before and after, on the sweeps fitted and on those held out, and the range errors."""
+@dataclasses.dataclass(frozen=True)
+class _Verification:
+    """The sweeps that are fitted and those that are held out."""
+
+    fitted: tuple[Comparison, Fitted | None]  # with the explanation fitted to them
+    held_out: Comparison | None
+    sweeps: tuple[int, int]
+
+
+def _verification(data: Dataset, compared: np.ndarray, chosen: Fitted | None) -> _Verification:
+    fitted_rows, held_rows = _split(data, compared)
     part = Comparison(data, fitted_rows)
     again = Fitting(part).fit([(e.candidate, e.values) for e in chosen.effects], 4) if chosen else None
+    rest = Comparison(data, held_rows) if len(held_rows) else None
+    return _Verification((part, again), rest, (len(fitted_rows), len(held_rows)))
+
+
+def _fit(comparison: Comparison, chosen: Fitted | None, data: Dataset, verification: _Verification) -> Fit:
+    """Return misfits before and after, on the sweeps fitted and on those held out, and the range errors."""
+    part, again = verification.fitted
     inside = BeforeAfter(_per_freedom(part, None), _per_freedom(part, again))
     outside = BeforeAfter(math.nan, math.nan)
-    if len(held_rows):
-        rest = Comparison(data, held_rows)
+    rest = verification.held_out
+    if rest is not None:
         outside = BeforeAfter(_per_freedom(rest, None), _per_freedom(rest, again))
     if not np.isfinite(data.reference).any():
         return Fit(inside, outside)
@@ -209,6 +260,20 @@ def _fit(
 def _explanation(search: Search, fitted: Fitted) -> Explanation:
     """Return a fitted explanation in the words of the interface."""
     return Explanation(tuple(_found(search, fitted, e) for e in fitted.effects), fitted.evidence)
+
+
+def _correlated(search: Search, explanation: Explanation, fitted: Fitted) -> Explanation:
+    """Return an explanation with the correlations of each effect's parameters, the others' free."""
+    slopes = search.whitening(search.slopes(fitted))
+    covariance = scaled_inverse(slopes @ slopes.T)
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(std, std)
+    effects, first = [], 0
+    for found, effect in zip(explanation.effects, fitted.effects, strict=True):
+        own = slice(first, first + len(effect.candidate.free))
+        first = own.stop
+        effects.append(dataclasses.replace(found, correlation=tuple(map(tuple, correlation[own, own].tolist()))))
+    return dataclasses.replace(explanation, effects=tuple(effects))
 
 
 def _entry(effect: FittedEffect) -> tuple[str, str | None, dict]:

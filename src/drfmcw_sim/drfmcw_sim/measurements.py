@@ -1,9 +1,11 @@
 """True state of stations and paths in a batch of measurements: what effects change, and IF signals are made from."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
@@ -24,6 +26,31 @@ class Modulation:
         return integral
 
 
+@dataclasses.dataclass(frozen=True)
+class Response:
+    """Factor on all that a station hears of others in each of n sweeps, over the time in the sweep."""
+
+    time: np.ndarray  # (K,) since the sweep's start on the station's own clock [s]
+    log_amplitude: np.ndarray  # (n, K) [Np]
+    phase: np.ndarray  # (n, K) of the IF [rad]
+
+    def over_samples(self, count: int, rate: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return log amplitude [Np] and phase [rad] (n, count) at samples of a rate [Hz], constant beyond the grid."""
+        matrix = _interpolation(self.time.tobytes(), count, rate)
+        return self.log_amplitude @ matrix, self.phase @ matrix
+
+
+@functools.lru_cache(maxsize=16)
+def _interpolation(grid: bytes, count: int, rate: float) -> np.ndarray:
+    """Return the matrix (K, count) that makes samples of a curve's values on a grid (K,) [s]."""
+    at = np.frombuffer(grid)
+    if len(at) < 2:
+        return np.ones((1, count))
+    time = np.clip(np.arange(count) / rate, at[0], at[-1])
+    matrix: np.ndarray = CubicSpline(at, np.eye(len(at)), bc_type='natural')(time).T
+    return matrix
+
+
 @dataclasses.dataclass
 class Station:
     """True state of one station in a batch of n measurements; effects may change the arrays."""
@@ -42,6 +69,7 @@ class Station:
     straight: tuple[float, float] = (0.0, math.inf)  # when the ramp is straight, since its start in own time [s]
     noise_behind: bool = False  # the additive noise enters behind the filters of the IF path
     modulations: tuple[Modulation, ...] = ()  # of the transmitter
+    responses: tuple[Response, ...] = ()  # of the receiver
 
     @property
     def name(self) -> str:
@@ -118,6 +146,7 @@ class Measurements:
                 noise_density=s.noise_density[rows].copy(),
                 temperature=s.temperature[rows].copy(),
                 modulations=tuple(dataclasses.replace(x, phase=x.phase[rows].copy()) for x in s.modulations),
+                responses=tuple(Response(x.time, x.log_amplitude[rows], x.phase[rows]) for x in s.responses),
             )
             for s in self.stations
         )

@@ -23,6 +23,7 @@ from drfmcw_physics.sweep import Mode, Role, SweepSettings
 from drfmcw_ros.config_files import find_config
 
 from .effects import Effect, effect_from_mapping
+from .measured import Measured, read_measured
 from .trajectory import Drive, Profile, Recorded, Standing
 
 _PROFILE = 'true value: a number, or `{times: [s], values: []}`'
@@ -219,7 +220,7 @@ _SECTIONS = {
     'reference': ReferenceSettings,
     'timing': TimingSettings,
 }
-_KEYS = ('description', 'stations', 'pairs', *_SECTIONS, 'weather', 'effects', 'seed')
+_KEYS = ('description', 'stations', 'pairs', *_SECTIONS, 'weather', 'effects', 'measured', 'seed')
 
 
 def _with_profiles(mapping: Any, names: tuple[str, ...]) -> Any:
@@ -253,8 +254,8 @@ def scenario_from_mapping(mapping: Mapping[str, Any], where: str) -> Scenario:
 
     Args:
         mapping: sections `stations` (name: settings), `pairs` (list) and optionally `waveform`, `mode`, `weather`,
-            `reference`, `timing`, `effects` (list), `seed`, `description`.
-        where: file name, for messages.
+            `reference`, `timing`, `effects` (list), `measured` (file), `seed`, `description`.
+        where: file name, for messages, and for files whose names are relative to it.
 
     Raises:
         ConfigurationError: unknown or missing key, wrong value, station that does not exist.
@@ -285,10 +286,22 @@ def scenario_from_mapping(mapping: Mapping[str, Any], where: str) -> Scenario:
     effects = tuple(
         effect_from_mapping(e, f'{where}: effects[{i}]', names) for i, e in enumerate(mapping.get('effects', []))
     )
+    if 'measured' in mapping:
+        effects = (*effects, _measured(mapping['measured'], where))
     seed = check_value('seed', mapping.get('seed', 1), int, Parameter('1', '', (0, 2**63 - 1)), where)
     scenario = Scenario(stations, pairs, **sections, effects=effects, seed=seed)
     _check(scenario, where)
     return scenario
+
+
+def _measured(name: Any, where: str) -> Measured:
+    """Return the measured remainder of a file, whose name is relative to the scenario's."""
+    if not isinstance(name, str) or not name:
+        raise ConfigurationError(f"{where}: 'measured' must be the name of a file, not {name!r}")
+    try:
+        return Measured(read_measured(Path(where).parent / name))
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{where}: measured: {error}') from None
 
 
 def _check(scenario: Scenario, where: str) -> None:

@@ -220,6 +220,15 @@ def _amplitude(own: Station, path: Path, g: Geometry) -> np.ndarray:
     return amplitude.astype(np.float32)
 
 
+def _response(own: Station) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return gain and phase [rad] of a station's measured responses over the samples, float32 [n, samples]."""
+    if not own.responses:
+        return None, None
+    curves = [x.over_samples(own.sweep.sample_count, own.sweep.sample_rate) for x in own.responses]
+    gain, turn = (np.sum(curve, axis=0) for curve in zip(*curves, strict=True))
+    return np.exp(gain).astype(np.float32), turn.astype(np.float32)
+
+
 def _receive(
     m: Measurements, single: Measurements, noise: _Noise | None, receiver: int, effects: Sequence[Effect]
 ) -> np.ndarray:
@@ -233,6 +242,7 @@ def _receive(
     sample = np.arange(count)
     shape = (len(m), count, 2) if own.iq else (len(m), count)
     shaping = [e for e in effects if e.shapes_chirp]
+    gain, turn = _response(own)
     if noise is None or own.noise_behind:
         signal = np.zeros(shape, np.float32)
     else:
@@ -247,7 +257,11 @@ def _receive(
         if shaping or any(s.modulations for s in m.stations):
             each = angle.reshape(-1, len(single), count)
             each += _shaped(single, receiver, geometry(single, receiver, single_path), shaping)
+        if turn is not None:
+            angle += turn
         amplitude = _amplitude(own, path, g)
+        if gain is not None:
+            amplitude = amplitude * gain
         begin, end = overlap(m, receiver, g)
         if own.iq:
             heard = np.empty(shape, np.float32)

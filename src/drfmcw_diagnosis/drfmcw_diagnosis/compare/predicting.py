@@ -10,7 +10,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
 from drfmcw_sim.measurements import Measurements
 
-from ..features.extractor import SweepFeatures, mean_power, quiet_sweeps, ramp_spectrum, unevenness
+from ..features.extractor import SweepFeatures, local_noise, mean_power, quiet_sweeps, ramp_spectrum, unevenness
 from .groups import Part, acted
 from .limits import SIMULATION
 from .noise_model import NoiseModel
@@ -94,8 +94,16 @@ class Expected:
     def added(self) -> np.ndarray:
         """Power that effects add to each bin beside the lines (G, S, B) [LSB^2]."""
         added = np.maximum(self.features.power - self.plain.features.power, 0.0).astype(float)
+        power, smooth = self.random
+        added += np.maximum(power - smooth, 0.0)
         added[self.model.recorded.bands.at_line(self.features.line, added.shape[-1])] = 0.0
         return added
+
+    @functools.cached_property
+    def random(self) -> tuple[np.ndarray, np.ndarray]:
+        """Power of random phase that effects add to each bin (G, S, B), and its smooth course over them [LSB^2]."""
+        power = self.model.random_power(self.part, self.effects, self.features.power.shape[-1])
+        return power, local_noise(power) if np.any(power) else power
 
     @functools.cached_property
     def raised(self) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +111,8 @@ class Expected:
         quiet = self.noise[0]
         if self.bursting:
             quiet = quiet + self.bursts.noise
-        return self.model.recorded.bands.raised(quiet, self.added, self.features.line)
+        bands = self.model.recorded.bands
+        return bands.raised(bands.with_power(quiet, self.random[1]), self.added, self.features.line)
 
     @functools.cached_property
     def distortion(self) -> Distortion:
@@ -171,6 +180,25 @@ class Predictor:
     def joined(self, found: Sequence[np.ndarray], per_sweep: bool) -> np.ndarray:
         """Return numbers of the parts' groups, or of their sweeps, as those of all in their order."""
         return np.concatenate(found)[self._sweep_order if per_sweep else self._group_order]
+
+    def random_power(self, part: Part, effects: Sequence[Effect], bins: int) -> np.ndarray:
+        """Return the power of random phase that effects add to each bin of spectra (G, S, B) [LSB^2]."""
+        heard = self.recorded.heard
+        result = np.zeros((len(part.groups), len(heard), bins))
+        acting = [e for e in effects if type(e).random_power is not Effect.random_power]
+        if not acting:
+            return result
+        state = acted(part, effects)
+        rate = self.recorded.sample_rate
+        # of real samples all power lies at positive frequencies
+        width = rate if self.recorded.topology.iq else rate / 2.0
+        frequency = np.arange(bins) * (rate / 2.0 / (bins - 1))
+        for i, (number, window) in enumerate(zip(heard, part.extract.window_power, strict=True)):
+            for effect in acting:
+                result[:, i] += window * width * effect.random_power(state.stations[number], state, frequency)
+        edged = np.pad(result, ((0, 0), (0, 0), (1, 1)), mode='edge')
+        widened: np.ndarray = (edged[..., :-2] + 4.0 * result + edged[..., 2:]) / 6.0  # by a Hann window
+        return widened
 
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).

@@ -50,6 +50,20 @@ class NoiseBands:
                 std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count[station]))
         return noise, std
 
+    def with_power(self, quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
+        """Return noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample] with smooth power added.
+
+        Args:
+            quiet: the same without it.
+            power: in each bin (G, S, B) [LSB^2].
+        """
+        if not np.any(power):
+            return quiet
+        edges = _edges(power.shape[-1])
+        mean = np.add.reduceat(power, edges[:-1], axis=-1) / np.diff(edges) / self._window_power[:, None]
+        total: np.ndarray = 10.0 * np.log10(10.0 ** (quiet / 10.0) + mean)
+        return total
+
     def raised(self, quiet: np.ndarray, added: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what the medians of bands show with lines added [dB of 1 LSB^2 per sample], and the noise in each bin.
 

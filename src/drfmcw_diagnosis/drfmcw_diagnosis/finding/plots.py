@@ -82,7 +82,7 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
         axes[-1].set_xticks(np.arange(len(shown.columns)) + 0.5)
         options = {'rotation': 35, 'ha': 'right', 'rotation_mode': 'anchor'} if turned else {}
         axes[-1].set_xticklabels(shown.columns, parse_math=False, **options)
-        bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=18)
+        bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=5.0 * height)
         begin = max(1.0 / largest, PLOTS.palest)
         ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if begin <= m * 10.0**e <= largest]
         if largest > PLOTS.decades:
@@ -112,8 +112,27 @@ def _cell(value: float) -> str:
     return wording.plain(value, 2 if value < 100.0 else 3)
 
 
-def series_panels(series: Series, locations: Sequence[Location], explained: bool) -> bytes:
+@dataclasses.dataclass(frozen=True)
+class PanelWords:
+    """What panels and curves are called."""
+
+    alone: str = 'data minus nominal model'
+    before: str = 'before: data minus nominal model'
+    after: str = 'after: explanation in the model'
+    curve: str = 'explanation'
+
+
+LEARNT = PanelWords(
+    before='before: data minus model with effects', after='after: measured curve in the model', curve='measured curve'
+)
+"""Of a measured remainder."""
+
+
+def series_panels(
+    series: Series, locations: Sequence[Location], explained: bool, words: PanelWords | None = None
+) -> bytes:
     """Return the residual against its axis before, with the effect's curve, and after if there is an explanation."""
+    words = words or PanelWords()
     known = np.isfinite(series.x) & np.isfinite(series.residual)
     series = dataclasses.replace(
         series,
@@ -128,11 +147,11 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
     before = series.residual * y_factor
     noise = np.where(np.isfinite(std), std, 0.0)
     scale = _limits(before - noise, before + noise, -2.0 * noise, 2.0 * noise, curve if explained else before)
-    panels = [(before, f'{"before: " if explained else ""}data minus nominal model', scale)]
+    panels = [(before, words.before if explained else words.alone, scale)]
     if explained:
         after = before - curve
         narrow = _limits(after - noise, after + noise, -2.0 * noise, 2.0 * noise)
-        panels.append((after, 'after: explanation in the model', scale))
+        panels.append((after, words.after, scale))
         if scale[1] - scale[0] > PLOTS.enlarged * (narrow[1] - narrow[0]):
             panels.append((after, 'after, enlarged', narrow))
     spans = [
@@ -151,9 +170,7 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
             if explained and number == 0:
                 at, of = _means(x, curve)
                 marker = 'o' if len(at) <= PLOTS.bars and len(at) < len(x) else None
-                axis.plot(
-                    at, of, color=CURVE, linewidth=1.6, marker=marker, markersize=4, zorder=4, label='explanation'
-                )
+                axis.plot(at, of, color=CURVE, linewidth=1.6, marker=marker, markersize=4, zorder=4, label=words.curve)
             axis.axhline(0.0, color='black', linewidth=0.6)
             axis.set_ylim(limits)
             for span in spans if number == 0 else ():

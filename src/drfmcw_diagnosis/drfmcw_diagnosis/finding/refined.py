@@ -91,9 +91,20 @@ def scenario_mapping(dataset: Dataset, effects: Sequence[FoundEffect] = ()) -> d
     return mapping
 
 
-def write_scenario(path: Path | str, dataset: Dataset, effects: Sequence[FoundEffect] = ()) -> None:
-    """Write the scenario file; arguments and errors as `scenario_mapping`."""
+def write_scenario(
+    path: Path | str, dataset: Dataset, effects: Sequence[FoundEffect] = (), measured: str | None = None
+) -> None:
+    """Write the scenario file; arguments and errors as `scenario_mapping`.
+
+    Args:
+        path: of the file.
+        dataset: the recording.
+        effects: found in it.
+        measured: name of the file beside it that holds the measured remainder.
+    """
     mapping = scenario_mapping(dataset, effects)
+    if measured is not None:
+        mapping['measured'] = measured
     text = yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
     write_atomically(path, text)
 

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from markupsafe import Markup, escape
 
-from . import plots, wording
+from . import plots, repeating, wording
 from .limits import PAGE, SEPARATION
 from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
@@ -100,6 +100,9 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         folded=panels[shown:],
         left_out=max(0, len(others) - PAGE.most),
         ranges=ranges and _panel(ranges, diagnosis),
+        learnt=[_learnt_panel(s) for s in sorted(diagnosis.learnt, key=lambda s: -_excess(s))[: PAGE.most]],
+        measured=diagnosis.remainder and diagnosis.remainder.measured,
+        r=repeating,
         ranking=_ranking(diagnosis),
         deciding=_deciding(diagnosis),
         threshold=100.0 * SEPARATION.separable / SEPARATION.full_bar,
@@ -163,6 +166,15 @@ def _panel(series: Series, diagnosis: Diagnosis) -> Panel:
     return Panel(wording.capital(series.label), note, image)
 
 
+def _learnt_panel(series: Series) -> Panel:
+    """Return what the effects leave, with what was learnt of it."""
+    squares, after = _squares(series, series.residual), _squares(series, series.residual - series.curve)
+    note = ''
+    if len(squares):
+        note = f'misfit {wording.misfit(float(squares.mean()))} → {wording.misfit(float(after.mean()))}'
+    return Panel(wording.capital(series.label), note, _uri(plots.series_panels(series, (), True, plots.LEARNT)))
+
+
 def _tiles(diagnosis: Diagnosis) -> list[Tile]:
     fit, explained = diagnosis.fit, diagnosis.explanation is not None
 
@@ -171,10 +183,14 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
         return f'{before.removesuffix(" mm")} → {after}' if explained else before
 
     tiles = []
+    measured = diagnosis.remainder.measured if diagnosis.remainder else None
     if math.isfinite(fit.held_out.before):
         after = f' → {wording.misfit(fit.held_out.after)}' if explained else ''
         value = wording.misfit(fit.held_out.before) + after
         tiles.append(Tile('misfit on held-out sweeps', value, '1 for a correct model'))
+    if measured is not None and measured.curves:
+        shown = (measured.held_out or measured.fitted).after
+        tiles.append(Tile('misfit with the measured remainder', wording.misfit(shown), 'measured, not physics'))
     if fit.range_bias is not None:
         tiles.append(Tile('mean range error', both(fit.range_bias), 'against the reference'))
     if fit.range_std is not None:

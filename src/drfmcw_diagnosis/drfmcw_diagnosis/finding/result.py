@@ -34,6 +34,7 @@ class FoundEffect:
     log_evidence_gain: float  # by this effect, the others in place
     p_value: float  # of a gain this large by chance, over all positions searched
     range_shift: float | None = None  # largest change of a range in this recording by it, with its sign [m]
+    correlation: tuple[tuple[float, ...], ...] | None = None  # of the parameters, in order; None: not computed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,12 +128,51 @@ class NextMeasurement:
 
 
 @dataclasses.dataclass(frozen=True)
+class MeasuredCurve:
+    """One curve of a measured remainder."""
+
+    label: str  # kind of number and station, in words
+    quantities: tuple[str, ...]  # that simulate it, as in `drfmcw_sim.measured`
+    axis: str  # covariate over which it changes, '' for none
+    terms: int | None  # numbers over the sweep or the spectrum; None: of the samples or of single lines
+    freedom: float | None  # values that the data determine of each, over the covariate
+    elsewhere: float | None  # share of it that is also predicted where it was not learnt [1]; None: not testable
+
+
+@dataclasses.dataclass(frozen=True)
+class RandomPart:
+    """Statistics of what does not repeat from sweep to sweep at one station."""
+
+    station: str
+    spectrum: tuple[tuple[float, float, float | None], ...]  # (from [Hz], to [Hz], power beyond the model [dB])
+    strongest: float  # share of the power beside the line in the strongest hundredth of the spans of 64 samples [1]
+    sweep_std: float  # standard deviation of that power from sweep to sweep [dB]
+    modulation: float | None  # frequency at which amplitude or phase change most from sweep to sweep [Hz]
+
+
+@dataclasses.dataclass(frozen=True)
+class MeasuredRemainder:
+    """What no effect explains, learnt from the data where it repeats: measured, not physics."""
+
+    curves: tuple[MeasuredCurve, ...]  # none where nothing of it repeats
+    repeats: (
+        float  # share of what is left beyond chance that the curves predict, of held-out sweeps if there are any [1]
+    )
+    fitted: BeforeAfter  # misfit per degree of freedom with the effects alone, and with the curves as well
+    held_out: BeforeAfter | None
+    unmodelled: tuple[str, ...]  # kinds of numbers that the curves leave beyond chance
+    random: tuple[RandomPart, ...]  # where not all of it repeats
+
+
+@dataclasses.dataclass(frozen=True)
 class Remainder:
     """What an explanation leaves beyond chance."""
 
     probability: float  # of so much by chance
     share: float  # of the excess misfit before
     locations: tuple[Location, ...]
+    measured: MeasuredRemainder | None = None
+    model: str | None = None  # path of the measured remainder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,42 +199,45 @@ class Diagnosis:
     command: str = ''  # that gave this diagnosis
     measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
     remainder: Remainder | None = None  # what the effects leave beyond chance
+    learnt: tuple[Series, ...] = ()  # what the effects leave, with the measured curves
+    stations: tuple[str, ...] = ()  # (first, second), or the one that hears itself
     places: int | None = None  # positions searched, over which chance is counted
 
     def as_object(self) -> dict[str, Any]:
         """Return a JSON-ready object, as docs and ../shared/interfaces describe it."""
         return {
             'verdict': self.verdict,
-            'significance': _known(self.significance),
+            'significance': known(self.significance),
             'false_alarm_rate': self.false_alarm_rate,
             'locations': list(map(_location, self.locations)),
             'remainder': None
             if self.remainder is None
             else {
-                'probability': _known(self.remainder.probability),
-                'share': _known(self.remainder.share),
+                'probability': known(self.remainder.probability),
+                'share': known(self.remainder.share),
                 'locations': list(map(_location, self.remainder.locations)),
-                'model': None,
+                'model': self.remainder.model,
+                'measured': None if self.remainder.measured is None else _plain(self.remainder.measured),
             },
-            'effects': [] if self.explanation is None else [_effect(e) for e in self.explanation.effects],
+            'effects': [] if self.explanation is None else [effect_object(e) for e in self.explanation.effects],
             'alternatives': [
-                {'effects': [_effect(e) for e in a.effects], 'log_evidence_gain': _known(a.log_evidence_gain)}
+                {'effects': [effect_object(e) for e in a.effects], 'log_evidence_gain': known(a.log_evidence_gain)}
                 for a in self.alternatives
             ],
             'next_measurement': self.next_measurement,
             'measurements': [
                 {
                     'measurement': m.sentence,
-                    'separation': _known(m.separation),
+                    'separation': known(m.separation),
                     'decides': m.decides,
-                    'separations': list(map(_known, m.separations)),
+                    'separations': list(map(known, m.separations)),
                 }
                 for m in self.measurements
             ],
             'fit': {
                 field.name: None
                 if (value := getattr(self.fit, field.name)) is None
-                else {'before': _known(value.before), 'after': _known(value.after)}
+                else {'before': known(value.before), 'after': known(value.after)}
                 for field in dataclasses.fields(self.fit)
             },
             'sweeps': {'fitted': self.sweeps_fitted, 'held_out': self.sweeps_held_out},
@@ -205,31 +248,40 @@ class Diagnosis:
         }
 
 
+def _plain(measured: MeasuredRemainder) -> dict[str, Any]:
+    """Return a measured remainder as plain objects."""
+    found = dataclasses.asdict(measured)
+    for part in found['random']:
+        part['spectrum'] = [{'from': a, 'to': b, 'beyond': c} for a, b, c in part['spectrum']]
+    return found
+
+
 def _location(x: Location) -> dict[str, Any]:
     return {
         'level': x.level,
         'station': x.station,
         'axis': x.axis,
-        'from': _known(x.start),
-        'to': _known(x.end),
-        'share': _known(x.share),
+        'from': known(x.start),
+        'to': known(x.end),
+        'share': known(x.share),
     }
 
 
-def _effect(found: FoundEffect) -> dict[str, Any]:
+def effect_object(found: FoundEffect) -> dict[str, Any]:
+    """Return an effect as the interface has it."""
     parameters = {
-        name: {'value': _known(e.value), 'std': _known(e.std), 'unit': e.unit} for name, e in found.parameters.items()
+        name: {'value': known(e.value), 'std': known(e.std), 'unit': e.unit} for name, e in found.parameters.items()
     }
     return {
         'effect': found.effect,
         'station': found.station,
         'parameters': parameters,
-        'log_evidence_gain': _known(found.log_evidence_gain),
-        'p_value': _known(found.p_value),
-        'range_shift': _known(found.range_shift),
+        'log_evidence_gain': known(found.log_evidence_gain),
+        'p_value': known(found.p_value),
+        'range_shift': known(found.range_shift),
     }
 
 
-def _known(value: float | None) -> float | None:
+def known(value: float | None) -> float | None:
     """Return a plain number, or None for what JSON cannot say (NaN, infinite)."""
     return None if value is None or not math.isfinite(value) else float(value)

@@ -9,22 +9,29 @@ import numpy as np
 from ..compare.comparison import Comparison
 from ..compare.groups import Groups
 from ..compare.kinds.kind import Kind, Shown
+from ..learn.learning import Learnt, uncertainty
 from ..search.fitting import Fitted, Fitting
 from .limits import VIEWS
 from .result import Location, MisfitMap, Separability, Series
 
 
-def remainder(comparison: Comparison, chosen: Fitted | None) -> np.ndarray:
-    """Return whitened residuals beside an explanation (n,), NaN where nothing is compared.
+def remainder(comparison: Comparison, chosen: Fitted | None, found: Learnt | None = None) -> np.ndarray:
+    """Return whitened residuals beside an explanation and what was learnt (n,), NaN where nothing is compared.
 
-    Errors of the forward models count as noise, see `Fitting.doubt`; numbers that they hardly predict are NaN.
+    Errors of the forward models count as noise, see `Fitting.doubt`, and so does that of what was learnt; numbers that
+    the effects hardly predict are NaN.
     """
     used = comparison.residual != 0.0
-    if chosen is None:
-        return np.where(used, comparison.residual, np.nan)
-    beside = dataclasses.replace(chosen, template=comparison.template([e.build() for e in chosen.effects]))
-    doubt = Fitting(comparison).doubt(beside)
-    rest = (comparison.residual - beside.template) / np.sqrt(1.0 + doubt**2)
+    doubt, template = np.zeros(len(used)), np.zeros(len(used))
+    effects = [e.build() for e in chosen.effects] if chosen is not None else []
+    if chosen is not None:
+        template = comparison.template(effects)
+        doubt = Fitting(comparison).doubt(dataclasses.replace(chosen, template=template))
+    variance = 1.0 + doubt**2
+    if found is not None:
+        template = comparison.template((*effects, found.effect))
+        variance = variance + uncertainty(comparison, found)
+    rest = (comparison.residual - template) / np.sqrt(variance)
     return np.where(used & (doubt < VIEWS.predicted), rest, np.nan)
 
 
@@ -77,7 +84,8 @@ def locations(comparison: Comparison, beside: np.ndarray | None = None) -> tuple
     return tuple(found)
 
 
-def _row_name(comparison: Comparison, kind: Kind, station: int) -> str:
+def names(comparison: Comparison, kind: Kind, station: int) -> str:
+    """Return what a kind of number at a station or channel is called."""
     words, name = kind.words(comparison.recorded, station), _name(comparison, kind, station)
     return f'{words}, {name}' if name else words
 
@@ -104,7 +112,7 @@ def misfit_map(comparison: Comparison, chosen: Fitted | None) -> MisfitMap:
                 known = rest[inside][np.isfinite(rest[inside])]
                 after[i, g] = np.mean(known**2) if len(known) else np.nan
     columns = tuple(f'{c.data.distance[m].mean():.0f} m' for m in c.members)
-    return MisfitMap(tuple(_row_name(c, *row) for row in rows), columns, before, after)
+    return MisfitMap(tuple(names(c, *row) for row in rows), columns, before, after)
 
 
 def series(comparison: Comparison, chosen: Fitted | None) -> tuple[Series, ...]:
@@ -116,38 +124,64 @@ def series(comparison: Comparison, chosen: Fitted | None) -> tuple[Series, ...]:
     for kind, station in _compared(c):
         if not known[c.rows(kind, station)].any():
             continue  # the explanation does not say what to expect
-        plotted = kind.plotted(_shown(c, kind, station, chosen, added))
-        values = plotted.x, plotted.residual, plotted.std, plotted.curve, plotted.unit
-        label = _row_name(c, kind, station) + plotted.where
-        found.append(Series(kind.level, _name(c, kind, station), kind.axis, *values, label))
+        template = chosen.template if chosen else np.zeros(len(c.residual))
+        found.append(_series(c, kind, station, (c.plain, added), (c.residual, template)))
     return tuple(found)
 
 
-def _shown(comparison: Comparison, kind: Kind, station: int, chosen: Fitted | None, added: Groups) -> Shown:
-    """Return the numbers of a kind at a station, and the group with the largest misfit.
+def learnt_series(comparison: Comparison, chosen: Fitted | None, found: Learnt | None) -> tuple[Series, ...]:
+    """Return what the effects leave along the axes, with what was learnt of it; of the kinds that were learnt."""
+    if found is None:
+        return ()
+    c = comparison
+    effects = [e.build() for e in chosen.effects] if chosen else []
+    base, added = c.predict(effects), c.predict((*effects, found.effect))
+    before, after = c.template(effects) if effects else np.zeros(len(c.residual)), c.template((*effects, found.effect))
+    wanted = {(x.kind, x.row) for x in found.curves} | {('lines', x.row) for x in found.curves if x.smooth is None}
+    return tuple(
+        _series(c, kind, station, (base, added), (c.residual - before, after - before))
+        for kind, station in _compared(c)
+        if (kind.name, max(station, 0)) in wanted
+    )
+
+
+def _series(
+    comparison: Comparison,
+    kind: Kind,
+    station: int,
+    predicted: tuple[Groups, Groups],
+    whitened: tuple[np.ndarray, np.ndarray],
+) -> Series:
+    """Return the numbers of a kind at a station beyond a model, of the group with the largest misfit.
 
     Args:
         comparison: recording and model.
         kind: of the numbers.
         station: its number, or that of the ramp's channel; -1 for the path.
-        chosen: explanation.
-        added: what the model with the explanation predicts.
+        predicted: by the model without and with what explains the numbers.
+        whitened: residuals beyond the former, and what the latter adds (n,).
     """
     c = comparison
     rows = c.rows(kind, station)
-    worst = int(np.bincount(c.entries.group[rows], c.residual[rows] ** 2).argmax())
+    residual, template = whitened
+    worst = int(np.bincount(c.entries.group[rows], residual[rows] ** 2).argmax())
     inside = rows[c.entries.group[rows] == worst]
-    plain = c.plain[kind.name]
-    return Shown(
-        recorded=c.recorded,
-        row=station,
-        group=worst,
-        residual=c.measured[kind.name] - plain,
-        std=c.std[kind.name],
-        curve=added[kind.name] - plain,
-        whitened=c.residual[inside],
-        template=chosen.template[inside] if chosen else np.zeros(len(inside)),
+    base, added = (groups[kind.name] for groups in predicted)
+    plotted = kind.plotted(
+        Shown(
+            recorded=c.recorded,
+            row=station,
+            group=worst,
+            residual=c.measured[kind.name] - base,
+            std=c.std[kind.name],
+            curve=added - base,
+            whitened=residual[inside],
+            template=template[inside],
+        )
     )
+    values = plotted.x, plotted.residual, plotted.std, plotted.curve, plotted.unit
+    label = names(c, kind, station) + plotted.where
+    return Series(kind.level, _name(c, kind, station), kind.axis, *values, label)
 
 
 def separability(rounds: Sequence[Sequence[Fitted]]) -> Separability | None:

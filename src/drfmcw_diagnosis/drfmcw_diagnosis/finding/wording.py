@@ -10,6 +10,7 @@ import numpy as np
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect, Of
 
+from . import repeating
 from .limits import SENTENCES, SEPARATION
 from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
 
@@ -313,7 +314,7 @@ def _finding(diagnosis: Diagnosis) -> list[str]:
     elif diagnosis.verdict == 'partial':
         one = len(effects) == 1
         said = [
-            f'The model does not match the recording. {_count(len(effects), "effect")} '
+            f'The model does not match the recording. {"One effect" if one else _count(len(effects), "effect")} '
             f'{"is" if one else "are"} there beyond doubt, but {"it does" if one else "they do"} not explain the whole '
             'mismatch.'
         ]
@@ -356,6 +357,8 @@ def _remainder(diagnosis: Diagnosis) -> list[str]:
     rest = diagnosis.remainder
     if rest is None:
         return []
+    if diagnosis.explanation is None:
+        return repeating.sentences(rest)
     said = [
         f'The effects leave {share(rest.share)} of the excess misfit. Chance alone leaves so much in '
         f'{chance(rest.probability)}.'
@@ -364,7 +367,7 @@ def _remainder(diagnosis: Diagnosis) -> list[str]:
         said.append('That is as little as the forward models themselves may be off.')
     if rest.locations:
         said.append(f'It lies in: {_contributions(rest.locations)}.')
-    return said
+    return said + repeating.sentences(rest)
 
 
 def _certainty(diagnosis: Diagnosis) -> list[str]:

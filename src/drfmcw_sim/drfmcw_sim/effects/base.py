@@ -36,19 +36,21 @@ class Effect:
     distorts: ClassVar[bool] = False  # not linear in the IF, so that harmonics arise
     bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
+    of_hardware: ClassVar[bool] = False  # of the path, but of its stations' hardware alone, whatever the site
     formula: ClassVar[str] = ''  # one line
     example: ClassVar[dict[str, float | list[float]]] = {}  # parameters of a typical size
     recipes: ClassVar[tuple[Recipe, ...]] = ()  # how to search for it, one for each set of its parameters
 
     station: str = dataclasses.field(default='', kw_only=True)
 
-    def __init_subclass__(cls, name: str = '', of: Of = Of.PATH, **kwargs: Any) -> None:
-        """Register the effect under its name."""
+    def __init_subclass__(cls, name: str = '', of: Of = Of.PATH, registered: bool = True, **kwargs: Any) -> None:
+        """Register the effect under its name, unless it is none of physics."""
         super().__init_subclass__(**kwargs)
         cls.name, cls.of = name, of
         cls.title = cls.title or name.replace('_', ' ')
         cls.headline = cls.headline or str(sys.modules[cls.__module__].__doc__).strip().partition('\n')[0]
-        Effect.registry[name] = cls
+        if registered:
+            Effect.registry[name] = cls
 
     @classmethod
     @functools.cache
@@ -99,6 +101,18 @@ class Effect:
             m: the measurements.
             streams: returns one random generator per sweep, independent of all others.
         """
+
+    def random_power(self, station: Station, m: Measurements, frequency: np.ndarray) -> np.ndarray | float:
+        """Return the mean density of power of random phase that the effect adds to the IF [n, B] [LSB^2/Hz].
+
+        Sweeps that are simulated free of noise do not hold it.
+
+        Args:
+            station: that receives.
+            m: n measurements, prepared.
+            frequency: in the IF (B,) [Hz].
+        """
+        return 0.0
 
     def reference_error(
         self,

@@ -18,6 +18,7 @@ class DelayOffset(Effect, name='delay_offset', of=Of.PATH):
     formula = 'τ → τ + 10⁻⁹ delay'
     example = {'delay': 0.1}
     movable = True
+    of_hardware = True
     recipes = (Recipe('delay', {'delay': 0.01}, {'delay': 10.0}),)
 
     delay: float = parameter(unit='ns', bounds=(-1e3, 1e3), description='added to the delay of the path')

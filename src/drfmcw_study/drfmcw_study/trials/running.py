@@ -6,10 +6,10 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 
 import numpy as np
 
+from drfmcw_ros.cluster import on_cluster
 from drfmcw_ros.processes import WorkFailed, unordered
 
 from .batch import attempt, order, result
-from .dask_cluster import on_cluster
 from .results import ResultDirectory
 from .study import Job, Study, StudyStopped, Task
 
@@ -44,7 +44,7 @@ def run(
     if not missing:
         return
     if scheduler is not None:
-        work = on_cluster(results.study, task, missing, scheduler, note)
+        work = _on_cluster(results.study, task, missing, scheduler, note)
     elif jobs > 1:
         work = _in_processes(results.study, task, missing, min(jobs, len(missing)))
     else:
@@ -72,3 +72,15 @@ def _in_processes(study: Study, task: Task, jobs: Sequence[Job], count: int) -> 
             yield jobs[number], result(outcome)
     except WorkFailed as error:
         raise StudyStopped(f'a worker process died ({error})') from None
+
+
+def _on_cluster(
+    study: Study, task: Task, jobs: Sequence[Job], address: str, note: Callable[[str], None]
+) -> _Finished:
+    """Yield what the workers of a Dask cluster finish, as it comes."""
+    orders = [order(study, job) for job in jobs]
+    try:
+        for number, outcome in on_cluster(functools.partial(attempt, task), orders, address, note):
+            yield jobs[number], result(outcome)
+    except WorkFailed as error:
+        raise StudyStopped(str(error)) from None

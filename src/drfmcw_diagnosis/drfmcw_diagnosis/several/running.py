@@ -1,0 +1,121 @@
+"""Diagnoses recordings one beside the other, in processes or on a Dask cluster; a bad one does not cost the others."""
+
+import contextlib
+import dataclasses
+import functools
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cluster import on_cluster
+from drfmcw_ros.processes import WorkFailed, unordered
+
+from ..engine import diagnose
+from ..finding.result import Diagnosis
+
+A = TypeVar('A')
+R = TypeVar('R')
+
+
+@dataclasses.dataclass(frozen=True)
+class Order:
+    """One recording to be diagnosed, and how."""
+
+    path: str
+    out: str | None  # directory of its refined configuration
+    pair: str | None
+    false_alarm_rate: float
+    without: tuple[str, ...]
+    command: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of one recording."""
+
+    path: str
+    diagnosis: Diagnosis | None
+    error: str = ''  # one line, where there is no diagnosis
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where the work is done."""
+
+    jobs: int = 1  # processes on this machine
+    scheduler: str | None = None  # address of a Dask scheduler, whose workers see the same files
+
+
+def diagnosed(order: Order) -> Outcome:
+    """Return the diagnosis of one recording, or why there is none; runs in the worker."""
+    out = Path(order.out) if order.out else None
+    rate, words = order.false_alarm_rate, order.command
+    try:
+        found = diagnose(order.path, order.pair, rate, out, None, words, order.without, covariances=True)
+        return Outcome(order.path, found)
+    except ConfigurationError as error:
+        return Outcome(order.path, None, ' '.join(str(error).split()))
+    except Exception as error:
+        return Outcome(order.path, None, f'{order.path}: {type(error).__name__}: {" ".join(str(error).split())}')
+
+
+def diagnose_each(
+    orders: Sequence[Order], place: Place, done: Callable[[int], None], note: Callable[[str], None]
+) -> list[Outcome]:
+    """Return what became of each recording, in order.
+
+    Args:
+        orders: the recordings.
+        place: where the work is done.
+        done: called with the number of recordings done.
+        note: called with a line that the user should see.
+
+    Raises:
+        ConfigurationError: the Dask scheduler does not answer.
+    """
+    found = each(diagnosed, orders, place, done, note)
+    return [
+        outcome if outcome is not None else Outcome(order.path, None, f'{order.path}: its worker process died')
+        for order, outcome in zip(orders, found, strict=True)
+    ]
+
+
+def each(
+    function: Callable[[A], R],
+    items: Sequence[A],
+    place: Place,
+    done: Callable[[int], None],
+    note: Callable[[str], None],
+) -> list[R | None]:
+    """Return what `function` makes of each item, None of an item that kills its process.
+
+    Where a process dies, the items that are left go on one by one, which shows the bad one.
+
+    Raises:
+        ConfigurationError: the Dask scheduler does not answer.
+    """
+    found: dict[int, R] = {}
+
+    def take(work: Generator[tuple[int, R], None, None], numbers: Sequence[int]) -> None:
+        with contextlib.closing(work):
+            for number, result in work:
+                found[numbers[number]] = result
+                done(len(found))
+
+    everything = range(len(items))
+    try:
+        if place.scheduler is not None:
+            take(on_cluster(function, items, place.scheduler, note), everything)
+        else:
+            take(_in_processes(function, items, place.jobs), everything)
+    except WorkFailed as error:
+        note(f'{error}; going on with one recording at a time, here')
+        for number in sorted(set(everything) - set(found)):
+            with contextlib.suppress(WorkFailed):
+                take(_in_processes(function, [items[number]], 1), [number])
+    return [found.get(number) for number in everything]
+
+
+def _in_processes(function: Callable[[A], R], items: Sequence[A], count: int) -> Generator[tuple[int, R], None, None]:
+    return unordered(functools.partial(function), items, count)
