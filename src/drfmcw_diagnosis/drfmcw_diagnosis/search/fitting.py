@@ -224,7 +224,7 @@ class Fitting:
                 break
             gain, misfit, point, template = misfit - value, value, trial, other
             damping *= 0.2
-            if gain < max(0.01, 1e-6 * misfit):
+            if gain < max(FIT.gained, FIT.gained_share * misfit):
                 break
         covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -13,6 +13,12 @@ class FitLimits:
     flat: float = 1e-30
     """Curvature of a misfit that a parameter does not change [1]; chosen."""
 
+    gained: float = 0.1
+    """Gain of a step [1] below which a fit ends: the next would gain far less; chosen."""
+
+    gained_share: float = 1e-5
+    """The same over the misfit [1], if that is more; chosen."""
+
     steps: int = 12
     """Steps of Levenberg and Marquardt's method, at most; chosen."""
 
@@ -39,6 +45,9 @@ class SearchLimits:
     refined: int = 5
     """Of them that are refined, those with the largest gain where refinement begins; chosen."""
 
+    begun_behind: float = 0.6
+    """Of the largest gain where refinement begins, the least share that is refined; chosen."""
+
     starts: int = 6
     """Starting points of each kind; chosen."""
 
@@ -47,6 +56,15 @@ class SearchLimits:
 
     first_steps: int = 2
     """Of refinement, after which one starting point of a kind is chosen; chosen."""
+
+    joint_steps: int = 3
+    """Of refinement together with the present effects, after which only what fits nearly best is refined; chosen."""
+
+    plenty: float = 1e3
+    """Gain [1] beyond which an effect is not tried to be left out; chosen."""
+
+    own: float = 0.2
+    """Share of an effect's power that the others must not be able to follow for that; chosen."""
 
     steps_to_size: int = 4
     """The same where a template cannot simply be scaled; chosen."""

@@ -286,14 +286,25 @@ class Search(Fitting):
             return min(at, key=lambda f: f.misfit)
 
         def refined(start: Fitted) -> Fitted:
-            return self.fit([*base, *((e.candidate, e.values) for e in start.effects)])
+            return self.fit([*base, *((e.candidate, e.values) for e in start.effects)], SEARCH.joint_steps)
 
         self.report('effects that promise something', 0.3)
         enough = self.misfit(beside) - SEARCH.least
-        starts = [start for start in self._workers.map(begun_at, kinds) if start.misfit < enough]
+        starts = sorted((s for s in self._workers.map(begun_at, kinds) if s.misfit < enough), key=lambda f: f.misfit)
+        if starts:
+            most = self.misfit(beside) - SEARCH.begun_behind * (self.misfit(beside) - starts[0].misfit)
+            starts = [s for s in starts if s.misfit < most or not s.effects[-1].candidate.recipe.size]
         self.report('refinement', 0.6)
-        results = self._workers.map(refined, sorted(starts, key=lambda f: f.misfit)[: SEARCH.refined])
-        return sorted(results, key=lambda f: -f.evidence)
+        begun = self._workers.map(refined, starts[: SEARCH.refined])
+        best = min((f.misfit for f in begun), default=0.0)
+        margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * (self.misfit(beside) - best))
+        near = [f for f in begun if f.misfit - best <= margin]
+        far = [f for f in begun if f.misfit - best > margin]
+        return sorted([*self._workers.map(self.finished, near), *far], key=lambda f: -f.evidence)
+
+    def finished(self, begun: Fitted) -> Fitted:
+        """Return an explanation whose fit has begun, fitted to the end."""
+        return self.fit([(e.candidate, e.values) for e in begun.effects])
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
         """Return the probability that noise alone gains as much for any effect at any starting point (Bonferroni).
@@ -303,6 +314,18 @@ class Search(Fitting):
         cells = {effect: recipe.cells for effect, recipe in recipes() if recipe.scan}
         count = (len(self._places) + len(cells)) * self._places.get(key, cells.get(key[0], 1))
         return float(min(1.0, count * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
+
+    def indispensable(self, fitted: Fitted) -> list[bool]:
+        """Return of each effect whether the others can, to first order, by far not explain what it explains."""
+        slopes = self.whitening(self.slopes(fitted))
+        owner = np.repeat(np.arange(len(fitted.effects)), [len(e.candidate.free) for e in fitted.effects])
+        found = []
+        for number in range(len(fitted.effects)):
+            added = self.whitening(fitted.template - self._without(fitted, number).template)
+            power = float(added @ added)
+            left = power - float(Freedom(slopes[owner != number]).followed(added)) if np.any(owner != number) else power
+            found.append(left > max(SEARCH.plenty, SEARCH.own * power))
+        return found
 
     # --- exchanges ---
 
@@ -322,7 +345,7 @@ class Search(Fitting):
                 begun = self.fit([*base, point], SEARCH.first_steps)
                 if begun.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal):
                     return None
-                return self.fit([(e.candidate, e.values) for e in begun.effects])
+                return self.finished(begun)
 
             for other in self._workers.map(refined, self._substitutes(rest, SEARCH.promised * goal)):
                 if other is None or not self.credible(other, rest.template):
