@@ -19,6 +19,7 @@ from .finding.wording import sentences
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
 from .recording.thinning import representative
+from .scene.judge import examine
 from .search.bank import recipes
 from .search.fitting import Fitted, FittedEffect, Fitting
 from .search.leftovers import leftovers
@@ -92,6 +93,11 @@ def diagnose_dataset(
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
+    if data.topology.hears_itself:
+        report('the samples themselves', 0.05)
+        scene = examine(data, false_alarm_rate, out, command, without)
+        if scene is not None:
+            return scene
     rows = representative(data.group)
     comparison = Comparison(data, rows)
     search = Search(comparison, progress, without, jobs)

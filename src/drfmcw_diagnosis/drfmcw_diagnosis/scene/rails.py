@@ -1,0 +1,128 @@
+"""Samples at a limit: codes that pile up at the rails, and plateaus on which the noise is gone."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from .limits import MATERIAL, RAILS
+from .material import Material
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """How a receiver limits."""
+
+    level: float  # of the limit [LSB]
+    level_std: float  # [LSB]
+    share: float  # of the samples that stand at it [1]
+    probability: float  # that so many stand there by chance
+    at: np.ndarray  # samples at the limit, shape of `Material.parts`, bool
+    pole: tuple[float, float] | None = None  # of a high-pass behind it, and its standard deviation [Hz]
+
+
+def limit(m: Material) -> Limit | None:
+    """Return the limit at which samples stand, None where none does."""
+    return _rail(m) or _plateaus(m)
+
+
+def _rail(m: Material) -> Limit | None:
+    codes = m.parts
+    outermost = float(np.abs(codes).max())
+    widths = [w for w in RAILS.widths if w <= max(8.0, 4.0 * m.noise) and w < 0.01 * outermost]
+    found: list[tuple[float, float, np.ndarray, float]] = []
+    for sign in (1.0, -1.0):
+        side = sign * codes
+        top = float(side.max())
+        if top < RAILS.high * outermost:
+            continue
+        for width in widths:
+            at = side > top - width
+            beside = int(np.count_nonzero(side > top - (1 + RAILS.beside) * width)) - int(at.sum())
+            count = int(at.sum())
+            spread = len(np.unique(np.nonzero(at)[1]))  # a spike at one time of every sweep is no limit
+            enough = count >= max(RAILS.fewest, RAILS.share * codes.size) and spread >= RAILS.fewest // 2
+            if enough and count > RAILS.excess * max(beside, 1) and _in_runs(at):
+                chance = _tail(count, beside)
+                found.append((float(np.median(side[at])), max(width, 1.0) / math.sqrt(12.0), at, chance))
+                break
+    if not found:
+        return None
+    levels = [level for level, *_ in found]
+    at = np.any([x for _, _, x, _ in found], axis=0)
+    std = max(*(s for _, s, *_ in found), (max(levels) - min(levels)) / 2.0)
+    return Limit(float(np.mean(levels)), std, float(at.mean()), min(1.0, *(p for *_, p in found)), at)
+
+
+def _in_runs(at: np.ndarray) -> bool:
+    """Return True where samples at the rail follow each other, as they do where a signal exceeds it."""
+    return int(np.count_nonzero(at[:, 1:] & at[:, :-1])) >= at.sum() // 4
+
+
+def _tail(count: int, beside: int) -> float:
+    """Return a bound of the chance of so many samples at the rail beside so many next to it (Chernoff)."""
+    mean = max(float(beside), 1.0)
+    return float(np.exp(min(0.0, count - mean - count * math.log(count / mean))))
+
+
+def _plateaus(m: Material) -> Limit | None:
+    """Return a limit in front of the last filters, behind which plateaus are smooth but may droop."""
+    parts = m.parts
+    rough = np.abs(np.diff(parts, 4, axis=1))
+    kernel = np.ones(16) / 16.0
+    local = np.apply_along_axis(np.convolve, 1, rough, kernel, 'same')
+    usual = float(np.median(local))
+    if usual < 4.0 * math.sqrt(70.0 / 12.0):  # quantisation alone
+        return None
+    smooth = np.zeros(parts.shape, bool)
+    smooth[:, 2:-2] = local < RAILS.smooth * usual
+    smooth &= np.abs(parts) > RAILS.outer * float(np.abs(parts).max())
+    runs = [r for r in _runs(smooth) if r[2] - r[1] >= RAILS.run]
+    at = np.zeros(parts.shape, bool)
+    for row, first, last in runs:
+        at[row, first:last] = True
+    if at.mean() < RAILS.plateaus or len(runs) < RAILS.fewest:
+        return None
+    droops = np.array([_droop(parts[row, first:last]) for row, first, last in runs]) * m.rate / (2.0 * np.pi)
+    weights = np.array([float(last - first) for _, first, last in runs])
+    pole = float(_weighted_median(droops, weights))
+    std = MATERIAL.mad_to_std * float(np.median(np.abs(droops - pole))) / math.sqrt(len(runs))
+    coupled = pole > 5.0 * std
+    flat = parts + np.cumsum(parts, axis=1) * (2.0 * np.pi * pole / m.rate) if coupled else parts
+    levels = np.array([float(np.median(flat[row, first:last])) for row, first, last in runs])
+    sides = np.array([float(np.median(parts[row, first:last])) for row, first, last in runs]) > 0.0
+    level, spread = _level(levels, sides)
+    std = max(std, 0.05 * pole)
+    return Limit(level, spread, float(at.mean()), 0.0, at, (pole, std) if coupled else None)
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int, int]]:
+    """Return (row, first, end) of the runs of True."""
+    padded = np.zeros((mask.shape[0], mask.shape[1] + 2), np.int8)
+    padded[:, 1:-1] = mask
+    change = np.diff(padded, axis=1)
+    rows, firsts = np.nonzero(change == 1)
+    _, ends = np.nonzero(change == -1)
+    return list(zip(rows.tolist(), firsts.tolist(), ends.tolist(), strict=True))
+
+
+def _droop(values: np.ndarray) -> float:
+    """Return the relative decline per sample of a plateau (n,)."""
+    slope = float(np.polyfit(np.arange(len(values)), values, 1)[0])
+    return -slope / float(np.mean(values))
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    at = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
+    return float(values[order[min(int(at), len(values) - 1)]])
+
+
+def _level(levels: np.ndarray, above: np.ndarray) -> tuple[float, float]:
+    """Return half the distance of upper and lower plateaus and its standard deviation [LSB]."""
+    if above.all() or not above.any():
+        middle = np.abs(levels)
+        return float(np.median(middle)), float(np.std(middle) / math.sqrt(len(levels)) + 1.0)
+    upper, lower = levels[above], levels[~above]
+    spread = math.hypot(float(np.std(upper)) / math.sqrt(len(upper)), float(np.std(lower)) / math.sqrt(len(lower)))
+    return 0.5 * abs(float(np.median(upper) - np.median(lower))), 0.5 * spread + 1.0
