@@ -159,6 +159,7 @@ class Diagnosis:
     command: str = ''  # that gave this diagnosis
     measurements: tuple[NextMeasurement, ...] = ()  # that were simulated, the most decisive first
     remainder: Remainder | None = None  # what the effects leave beyond chance
+    scene: dict[str, Any] | None = None  # of a station that hears itself: delays, window, what repeats; JSON-ready
     places: int | None = None  # positions searched, over which chance is counted
 
     def as_object(self) -> dict[str, Any]:
@@ -199,6 +200,7 @@ class Diagnosis:
             },
             'sweeps': {'fitted': self.sweeps_fitted, 'held_out': self.sweeps_held_out},
             'places': self.places,
+            'scene': self.scene,
             'refined_config': self.refined_config,
             'not_testable': list(self.not_testable),
             'summary': list(self.sentences),

@@ -22,25 +22,27 @@ class Bursts:
     excess: float  # power of what cannot be predicted in a burst over that beside it [1]
 
 
-def unpredicted(signal: np.ndarray) -> np.ndarray:
-    """Return what a linear prediction from the samples before leaves, (n, N - order); lines and echoes do not."""
+def unpredicted(signal: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return what a linear prediction from the samples before leaves, (n, N - order), and by how much it raises noise.
+
+    Lines are predicted, white noise is not: its power is raised by the sum of the squared weights.
+    """
     order = min(BURSTS.order, signal.shape[1] // 8)
     spans = np.lib.stride_tricks.sliding_window_view(signal, order + 1, axis=1)
     flat = spans.reshape(-1, order + 1)
     thin = flat[:: max(1, len(flat) // 40_000)]
-    filled = np.concatenate([thin, np.zeros((0, order + 1))])
-    normal = filled[:, :-1].conj().T @ filled[:, :-1]
+    normal = thin[:, :-1].conj().T @ thin[:, :-1]
     normal += np.eye(order) * 1e-9 * np.trace(normal).real / order
-    weights = np.linalg.solve(normal, filled[:, :-1].conj().T @ filled[:, -1])
+    weights = np.linalg.solve(normal, thin[:, :-1].conj().T @ thin[:, -1])
     rest: np.ndarray = spans[..., -1] - spans[..., :-1] @ weights
-    return rest
+    return rest, 1.0 + float(np.sum(np.abs(weights) ** 2))
 
 
 def bursts(m: Material) -> Bursts | None:
     """Return the bursts of some sweeps, None where there are none."""
     if len(m.signal) < BURSTS.fewest or m.signal.shape[1] < 8 * BURSTS.block:
         return None
-    rest = unpredicted(m.signal)
+    rest, amplified = unpredicted(m.signal)
     block = BURSTS.block
     blocks = rest.shape[1] // block
     power = np.mean(np.abs(rest[:, : blocks * block].reshape(len(rest), blocks, block)) ** 2, axis=2)
@@ -54,10 +56,7 @@ def bursts(m: Material) -> Bursts | None:
     at = np.zeros(m.signal.shape, bool)
     at[:, lead : lead + blocks * block] = np.repeat(loud, block, axis=1)
     excess = float(np.mean(power[loud]) / np.mean(power[~loud]))
-    # the power itself, not only what cannot be predicted: that of the samples beyond the mean of the sweeps without
-    clean = m.signal[~hit].mean(axis=0)
-    variance = np.mean(np.abs(m.signal[~hit] - clean) ** 2, axis=0)
-    extra = np.abs(m.signal - clean)[at] ** 2 - np.broadcast_to(variance, at.shape)[at]
-    amplitude = math.sqrt(max(float(np.mean(extra)), 1.0) * (1.0 if m.iq else 2.0))
+    extra = float(np.mean(power[loud]) - np.mean(power[~loud])) / amplified  # a burst is white
+    amplitude = math.sqrt(max(extra, 1.0 / 12.0) * (1.0 if m.iq else 2.0))
     per_sweep = loud[hit].sum(axis=1) * block / m.rate
     return Bursts(float(hit.mean()), amplitude, float(np.mean(per_sweep)), hit, at, float(at.mean()), excess)

@@ -1,17 +1,20 @@
-"""Effects of a scene in the words of a finding: parameters with standard deviations, where they show, what they gain."""
+"""Effects of a scene in the words of a finding: parameters with standard deviations, where they show, their gain."""
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
 from ..finding.result import Estimate, FoundEffect, Location
+from .background import Background, gain
 from .bursts import Bursts
 from .images import Image
 from .limits import SHAPE
 from .material import Material
 from .rails import Limit
-from .ramp import Ramp
+from .ramps.ramp import Ramp
+from .track import Track
 
 CERTAIN = 1e-300
 """Chance that is stated at least [1]: smaller ones are no numbers."""
@@ -25,6 +28,7 @@ class Evidence:
     locations: tuple[Location, ...]
     sentences: tuple[str, ...]
     untold: tuple[str, ...] = ()
+    figures: dict[str, Any] = dataclasses.field(default_factory=dict)  # JSON-ready
 
 
 def of_ramp(found: Ramp) -> Evidence:
@@ -40,8 +44,8 @@ def of_ramp(found: Ramp) -> Evidence:
         if earlier:
             parameters['end'] = Estimate(w.last / m.rate, 4.0 / m.rate, 's')
         outside = m.nominal_end - (w.last if earlier else m.nominal_end) + (w.first if later else 0)
-        gain = outside * math.log(max(found.nominal / max(found.held_out, m.noise), 1.0))
-        effects.append(_effect('ramp_window', m, parameters, gain))
+        gained = outside * math.log(max(found.nominal / max(found.held_out, m.noise), 1.0))
+        effects.append(_effect('ramp_window', m, parameters, gained))
         if later:
             locations.append(Location('if_samples', m.station, 'ramp_time', 0.0, w.first / m.rate, math.nan))
         if earlier:
@@ -58,9 +62,7 @@ def of_ramp(found: Ramp) -> Evidence:
         }
         straight = float(np.sqrt(np.mean([s.held_out**2 for s in found.straight])))
         effects.append(_effect('sweep_shape', m, parameters, count * math.log(straight / found.held_out)))
-        locations.append(
-            Location('if_samples', m.station, 'ramp_time', w.first / m.rate, w.last / m.rate, math.nan)
-        )
+        locations.append(Location('if_samples', m.station, 'ramp_time', w.first / m.rate, w.last / m.rate, math.nan))
         slope, slope_std = found.slope
         if abs(slope) > 4.0 * slope_std:
             effects.append(
@@ -83,7 +85,15 @@ def of_ramp(found: Ramp) -> Evidence:
             'delay holds if the stated band is covered within the window; a ramp as long as nominal would make the '
             f'delay {100.0 * (longer - 1.0):.1f} % longer.'
         )
-    return Evidence(tuple(effects), tuple(locations), tuple(sentences), tuple(untold))
+    figures = {
+        'delays': [float(d) for d in found.shape.delay],
+        'delay_std': [float(d) * convention(found) for d in found.shape.delay],
+        'convention': 'the stated band is covered from window.begins to window.ends',
+        'window': {'begins': w.begins / m.rate, 'ends': w.ends / m.rate},
+        'misfit': {'nominal': found.nominal, 'held_out': found.held_out, 'noise': m.noise, 'unit': 'LSB'},
+        'constant': found.constant,
+    }
+    return Evidence(tuple(effects), tuple(locations), tuple(sentences), tuple(untold), {'ramp': figures})
 
 
 def convention(found: Ramp) -> float:
@@ -113,17 +123,17 @@ def of_bursts(found: Bursts, m: Material) -> Evidence:
     std = math.sqrt(found.probability * (1.0 - found.probability) / count)
     parameters = {
         'probability': Estimate(found.probability, math.hypot(std, 0.05 * found.probability), '1'),
-        'level': Estimate(m.decibels(found.amplitude), 1.0, 'dBFS'),
+        'level': Estimate(m.decibels(found.amplitude), 2.0, 'dBFS'),
         'duration': Estimate(found.duration, 0.25 * found.duration, 's'),
     }
-    gain = 0.5 * float(found.at.sum()) * (math.log(found.excess) - 1.0 + 1.0 / found.excess)
+    gained = 0.5 * float(found.at.sum()) * (math.log(found.excess) - 1.0 + 1.0 / found.excess)
     times = np.flatnonzero(found.at.any(axis=0))
     at = Location('noise', m.station, 'ramp_time', times[0] / m.rate, (times[-1] + 1) / m.rate, 1.0)
     text = (
         f'In {int(found.hit.sum())} of {count} sweeps, {100.0 * found.share:.1f} % of the samples, the power that no '
         f'line predicts is {10.0 * math.log10(found.excess):.1f} dB above that of the others.'
     )
-    return Evidence((_effect('interference_burst', m, parameters, gain),), (at,), (text,))
+    return Evidence((_effect('interference_burst', m, parameters, gained),), (at,), (text,))
 
 
 def of_image(found: Image, m: Material) -> Evidence:
@@ -133,10 +143,39 @@ def of_image(found: Image, m: Material) -> Evidence:
         'gain': Estimate(found.gain, 20.0 / math.log(10.0) * std, 'dB'),
         'phase': Estimate(found.phase, math.degrees(std), 'deg'),
     }
-    gain = 0.5 * (abs(found.ratio) / found.std) ** 2
+    gained = 0.5 * (abs(found.ratio) / found.std) ** 2
     at = Location('if_spectrum', m.station, 'if_frequency', -0.5 * m.rate, 0.5 * m.rate, math.nan)
     text = f'{found.lines} cells of range and velocity have an image of {20.0 * math.log10(abs(found.ratio)):.1f} dB.'
-    return Evidence((_effect('iq_imbalance', m, parameters, gain),), (at,), (text,))
+    return Evidence((_effect('iq_imbalance', m, parameters, gained),), (at,), (text,))
+
+
+def of_background(found: Background, moving: Track | None, m: Material) -> Evidence:
+    """Return leakage, and what repeats and moves in sentences: no effect of the registry describes it."""
+    effects: tuple[FoundEffect, ...] = ()
+    locations: tuple[Location, ...] = ()
+    if found.leaks:
+        parameters = {'level': Estimate(m.decibels(found.leakage), 0.1, 'dBFS')}
+        effects = (_effect('tx_leakage', m, parameters, m.signal.size * math.log(found.leakage / found.line)),)
+        locations = (Location('if_spectrum', m.station, 'if_frequency', 0.0, 2.0 * m.rate / m.signal.shape[1], 1.0),)
+    said = [
+        'What repeats with the ramp lowers the misfit of the last third of the sweeps from '
+        f'{found.constant:.1f} LSB rms beside a constant to {found.repeating:.1f}; {len(found.patterns)} patterns over '
+        f'the ramp with an amplitude of their own in each sweep lower it to {found.varying:.1f}, '
+        f'{gain(found.constant, found.varying):.1f} dB in all. These are measured, not explained.'
+    ]
+    if moving is not None:
+        paths = moving.path[np.isfinite(moving.path)]
+        said.append(
+            f'The strongest line that is not the same in all sweeps stands at paths of {paths.min():.1f} to '
+            f'{paths.max():.1f} m, {paths[0]:.1f} m in the first sweeps and {paths[-1]:.1f} m in the last ones; a '
+            'target is at half of it.'
+        )
+    misfit = {'constant': found.constant, 'repeating': found.repeating, 'varying': found.varying, 'unit': 'LSB'}
+    figures: dict[str, Any] = {'background': misfit | {'patterns': len(found.patterns)}}
+    if moving is not None:
+        paths = [None if math.isnan(p) else float(p) for p in moving.path]
+        figures['track'] = {'sweep': moving.sweep.tolist(), 'path': paths}
+    return Evidence(effects, locations, tuple(said), (), figures)
 
 
 def _effect(

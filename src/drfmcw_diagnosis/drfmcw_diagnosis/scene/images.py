@@ -53,7 +53,8 @@ def image(m: Material) -> Image | None:
     beat = np.minimum(np.arange(length), length - np.arange(length))
     eligible = (beat[None, :] > 4) & (power > floor * 10.0 ** (IMAGES.strong / 10.0))
     eligible &= power > np.abs(mirrored) ** 2
-    moving = eligible & (doppler[:, None] >= IMAGES.moving) if count >= 8 else np.zeros_like(eligible)
+    own = power > IMAGES.beside * power.max(axis=0)  # no sidelobe of a line at this distance that stands still
+    moving = eligible & own & (doppler[:, None] >= IMAGES.moving) if count >= 8 else np.zeros_like(eligible)
     chosen = moving if moving.any() else eligible
     if not chosen.any():
         return None

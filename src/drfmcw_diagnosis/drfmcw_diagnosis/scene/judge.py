@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,23 +10,43 @@ import numpy as np
 from ..finding.result import BeforeAfter, Diagnosis, Explanation, Fit, Location, Remainder, Series
 from ..finding.wording import sentences
 from ..recording.dataset import Dataset
+from .background import Background, background
 from .bursts import bursts, unpredicted
 from .censored import limited_fit
-from .evidence import Evidence, of_bursts, of_image, of_limit, of_ramp
+from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp
 from .images import image
 from .limits import JUDGE
 from .material import Material, material
 from .rails import limit
-from .ramp import Ramp, ramp
+from .ramps.ramp import Ramp, ramp
+from .ramps.shared import together
 from .refining import write_refined
+from .track import track
+
+
+def shared_ramps(datasets: Sequence[Dataset]) -> list[Ramp | None]:
+    """Return the ramps of several recordings of one radar with the shape that they share; None without a strong line.
+
+    For `examine`, whose findings then have delays on one scale.
+    """
+    ramps = [_ramp(material(data)) for data in datasets]
+    bent = [r for r in ramps if r is not None and r.bends]
+    shared = iter(together(bent) if bent else [])
+    return [next(shared) if r is not None and r.bends else r for r in ramps]
 
 
 def examine(
-    data: Dataset, false_alarm_rate: float, out: Path | None = None, command: str = '', without: Collection[str] = ()
+    data: Dataset,
+    false_alarm_rate: float,
+    out: Path | None = None,
+    command: str = '',
+    without: Collection[str] = (),
+    shared: Ramp | None = None,
 ) -> Diagnosis | None:
     """Return what the samples of a station that hears itself show, None where comparing features says more.
 
-    That is so for one line on a ramp that is nearly straight. Arguments as `engine.diagnose_dataset`.
+    That is so for one line on a ramp that is nearly straight. `shared` is this recording's ramp of `shared_ramps`,
+    None to learn it from this recording alone; the other arguments are those of `engine.diagnose_dataset`.
     """
     m = material(data)
     single = _single(m)
@@ -42,20 +62,29 @@ def examine(
     if bursting is not None:
         found.append(of_bursts(bursting, m))
         unusable |= np.concatenate([bursting.at] * 2) if m.iq else bursting.at
-    bent = ramp(m) if limited is None and bursting is None else None
+    bent = (shared or ramp(m)) if limited is None and bursting is None else None
     if bent is not None and (bent.bends or any(bent.narrower)):
         found.append(_kept(of_ramp(bent), without))
     imaged = image(m) if 'iq_imbalance' not in without else None
     if imaged is not None:
         found.append(of_image(imaged, m))
-    found = [e for e in found if e.effects]
-    if single and not found:
+    if single and not any(e.effects for e in found):
         return None
+    repeated = None if single else background(m)
+    if repeated is not None:
+        found.append(_kept(of_background(repeated, track(m, repeated.mean), m), without))
     if limited is not None:
         fit = limited_fit(m, limited)
     else:
-        fit = _ramp_fit(bent) if bent is not None and found and bursting is None else _fit(m, unusable)
+        ramped = any(e.effect in ('ramp_window', 'sweep_shape') for part in found for e in part.effects)
+        fit = _ramp_fit(bent) if bent is not None and ramped else _fit(m, unusable)
+    if repeated is not None and repeated.leaks:
+        fit = _leakage_fit(m, repeated)
     return _diagnosis(data, m, found, fit, bent, false_alarm_rate, out, command)
+
+
+def _ramp(m: Material) -> Ramp | None:
+    return None if limit(m) is not None else ramp(m)
 
 
 def _kept(evidence: Evidence, without: Collection[str]) -> Evidence:
@@ -63,27 +92,24 @@ def _kept(evidence: Evidence, without: Collection[str]) -> Evidence:
 
 
 def _single(m: Material) -> bool:
-    """Return True where one line holds nearly all power beside 0 Hz: the comparison of features is made for it."""
+    """Return True where one line, or 0 Hz, holds nearly all power: the comparison of features is made for one line."""
     signal = m.signal[: JUDGE.sweeps]
     count = signal.shape[1]
-    flat = signal - signal.mean(axis=1, keepdims=True)
-    power = np.mean(np.abs(np.fft.fft(flat * np.hanning(count), axis=1)) ** 2, axis=0)
-    near = np.minimum(np.arange(count), count - np.arange(count)) <= JUDGE.skirt
-    power[near] = 0.0
-    peaks = np.abs(np.fft.fft(flat * np.hanning(count), axis=1)) ** 2
-    peaks[:, near] = 0.0
+    if count < JUDGE.fewest_samples:
+        return False
+    power = np.abs(np.fft.fft((signal - signal.mean(axis=1, keepdims=True)) * np.hanning(count), axis=1)) ** 2
+    whole = float(power.sum())
+    power[:, np.minimum(np.arange(count), count - np.arange(count)) <= JUDGE.skirt] = 0.0
     held = 0.0
-    for row in peaks:
-        at = int(np.argmax(row))
-        around = np.arange(at - JUDGE.skirt, at + JUDGE.skirt + 1) % count
-        held += float(row[around].sum()) * (1.0 if m.iq else 2.0)
-    whole = float(np.sum(np.abs(np.fft.fft(flat * np.hanning(count), axis=1)) ** 2))
-    return count >= JUDGE.fewest_samples and held > JUDGE.single * whole
+    for row in power:
+        around = np.arange(-JUDGE.skirt, JUDGE.skirt + 1) + int(np.argmax(row))
+        held += float(row[around % count].sum()) * (1.0 if m.iq else 2.0)
+    return held > JUDGE.single * whole or float(power.sum()) < (1.0 - JUDGE.single) * whole
 
 
 def _fit(m: Material, unusable: np.ndarray) -> Fit:
     """Return the power of what cannot be predicted over its noise: of all samples, and of those the effects leave."""
-    rest = unpredicted(m.signal)
+    rest, _ = unpredicted(m.signal)
     power = np.abs(rest) ** 2
     noise = float(np.median(power)) / (math.log(2.0) if m.iq else JUDGE.median_of_square)
     noise = max(noise, (2.0 if m.iq else 1.0) / 12.0)
@@ -96,6 +122,15 @@ def _fit(m: Material, unusable: np.ndarray) -> Fit:
         before = float(each.mean()) if each.size else math.nan
         parts.append(BeforeAfter(before, float(each[left].mean()) if left.any() else math.nan))
     return Fit(parts[0], parts[1])
+
+
+def _leakage_fit(m: Material, found: Background) -> Fit:
+    """Return the power without and with a constant, over the noise."""
+    at = max(1, round(JUDGE.fitted * len(m.signal)))
+    scale = m.noise**2 * (2.0 if m.iq else 1.0)
+    parts = [np.mean(np.abs(m.signal[rows]) ** 2) / scale for rows in (slice(0, at), slice(at, None))]
+    after = found.constant**2 / scale
+    return Fit(BeforeAfter(float(parts[0]), after), BeforeAfter(float(parts[1]), after))
 
 
 def _ramp_fit(found: Ramp) -> Fit:
@@ -157,6 +192,7 @@ def _diagnosis(
         series=_series(bent) if bent is not None and bent.bends else (),
         command=command,
         remainder=remainder,
+        scene={name: value for evidence in found for name, value in evidence.figures.items()} or None,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
 

@@ -138,6 +138,9 @@ class RailLimits:
     widths: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
     """Outermost codes taken together, up to four standard deviations of the noise and at least 8 [LSB]; chosen."""
 
+    outliers: tuple[int, ...] = (0, 12, 48)
+    """Samples that may lie beyond a rail, as a filter behind it makes them; chosen."""
+
     beside: int = 4
     """Codes compared, in widths; chosen."""
 
@@ -154,8 +157,11 @@ class RailLimits:
     high: float = 0.6
     """Level of a rail over the outermost value, at least [1]; chosen."""
 
+    usual: float = 0.75
+    """Quantile of the roughness that counts as usual [1]; chosen: a limiter may hold half of the samples."""
+
     smooth: float = 0.15
-    """Roughness below which a run of samples is a plateau, over the recording's median [1]; chosen."""
+    """Roughness below which a run of samples is a plateau, over the usual one [1]; chosen."""
 
     run: int = 24
     """Samples of a plateau, at least; chosen: noise is never so smooth for so long."""
@@ -212,8 +218,54 @@ class ImageLimits:
     moving: int = 3
     """Doppler cells off zero from which on a line moves; chosen."""
 
+    beside: float = 0.1
+    """Power of a moving line over the strongest at its distance, at least [1]; chosen."""
+
     agree: float = 0.25
     """Scatter of the image from line to line over its mean, at most [1]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BackgroundLimits:
+    """What repeats with the ramp."""
+
+    fewest: int = 24
+    """Sweeps from which a background is learnt; chosen."""
+
+    cells: int = 2
+    """Bins from 0 Hz in which leakage stands: it comes from closer than two resolution cells; chosen."""
+
+    above: float = 12.0
+    """Level of leakage over the strongest line, at least [dB]; chosen: receivers have a constant of their own."""
+
+    components: int = 6
+    """Patterns over the ramp that vary from sweep to sweep, at most; chosen."""
+
+    helps: float = 0.9
+    """Held-out misfit, rms, after a further pattern over before, at most [1]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackLimits:
+    """How a moving line is followed."""
+
+    together: int = 4
+    """Sweeps whose powers are averaged, at least; chosen."""
+
+    most: int = 100
+    """Points of a track, about; chosen."""
+
+    padding: int = 4
+    """Length of a spectrum over the sweep's [1]; chosen."""
+
+    cells: int = 2
+    """Bins from 0 Hz that are left out; chosen."""
+
+    above: float = 20.0
+    """Level of a line over the median, at least [dB]; chosen."""
+
+    mostly: float = 0.7
+    """Share of the time in which a line must stand out [1]; chosen."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -241,8 +293,8 @@ class JudgeLimits:
     span: int = 64
     """Samples of a span in which a limited signal is smooth; chosen."""
 
-    terms: int = 12
-    """Cosine terms of a span; chosen: a signal below a tenth of the sampling rate."""
+    terms: int = 20
+    """Cosine terms of a span; chosen: a signal below a sixth of the sampling rate."""
 
     rounds: int = 12
     """Iterations that fill in what a limiter cut off; chosen."""
@@ -258,4 +310,6 @@ SHAPE = ShapeLimits()
 RAILS = RailLimits()
 BURSTS = BurstLimits()
 IMAGES = ImageLimits()
+BACKGROUND = BackgroundLimits()
+TRACK = TrackLimits()
 JUDGE = JudgeLimits()

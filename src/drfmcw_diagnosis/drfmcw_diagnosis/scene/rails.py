@@ -33,18 +33,12 @@ def _rail(m: Material) -> Limit | None:
     found: list[tuple[float, float, np.ndarray, float]] = []
     for sign in (1.0, -1.0):
         side = sign * codes
-        top = float(side.max())
-        if top < RAILS.high * outermost:
-            continue
-        for width in widths:
-            at = side > top - width
-            beside = int(np.count_nonzero(side > top - (1 + RAILS.beside) * width)) - int(at.sum())
-            count = int(at.sum())
-            spread = len(np.unique(np.nonzero(at)[1]))  # a spike at one time of every sweep is no limit
-            enough = count >= max(RAILS.fewest, RAILS.share * codes.size) and spread >= RAILS.fewest // 2
-            if enough and count > RAILS.excess * max(beside, 1) and _in_runs(at):
-                chance = _tail(count, beside)
-                found.append((float(np.median(side[at])), max(width, 1.0) / math.sqrt(12.0), at, chance))
+        tops = -np.partition(-side.ravel(), RAILS.outliers[-1])[: RAILS.outliers[-1] + 1]
+        tops.sort()
+        for top in (float(tops[-1 - k]) for k in RAILS.outliers):
+            piled = _piled(side, top, widths) if top >= RAILS.high * outermost else None
+            if piled is not None:
+                found.append(piled)
                 break
     if not found:
         return None
@@ -54,9 +48,23 @@ def _rail(m: Material) -> Limit | None:
     return Limit(float(np.mean(levels)), std, float(at.mean()), min(1.0, *(p for *_, p in found)), at)
 
 
+def _piled(side: np.ndarray, top: float, widths: list[int]) -> tuple[float, float, np.ndarray, float] | None:
+    """Return (level, std [LSB], samples at it, chance) of a rail just below `top`, None where no samples pile up."""
+    for width in widths:
+        at = side > top - width
+        count = int(at.sum())
+        beside = int(np.count_nonzero(side > top - (1 + RAILS.beside) * width)) - count
+        spread = len(np.unique(np.nonzero(at)[1]))  # a spike at one time of every sweep is no limit
+        enough = count >= max(RAILS.fewest, RAILS.share * side.size) and spread >= RAILS.fewest // 2
+        if enough and count > RAILS.excess * max(beside, 1) and _in_runs(at):
+            return float(np.median(side[at])), width / math.sqrt(12.0), at, _tail(count, beside)
+    return None
+
+
 def _in_runs(at: np.ndarray) -> bool:
-    """Return True where samples at the rail follow each other, as they do where a signal exceeds it."""
-    return int(np.count_nonzero(at[:, 1:] & at[:, :-1])) >= at.sum() // 4
+    """Return True where samples at the rail follow each other, as where a signal exceeds it, and do so repeatedly."""
+    together = int(np.count_nonzero(at[:, 1:] & at[:, :-1]))
+    return together >= at.sum() // 4 and len(_runs(at)) >= RAILS.fewest // 2
 
 
 def _tail(count: int, beside: int) -> float:
@@ -71,7 +79,7 @@ def _plateaus(m: Material) -> Limit | None:
     rough = np.abs(np.diff(parts, 4, axis=1))
     kernel = np.ones(16) / 16.0
     local = np.apply_along_axis(np.convolve, 1, rough, kernel, 'same')
-    usual = float(np.median(local))
+    usual = float(np.quantile(local, RAILS.usual))
     if usual < 4.0 * math.sqrt(70.0 / 12.0):  # quantisation alone
         return None
     smooth = np.zeros(parts.shape, bool)

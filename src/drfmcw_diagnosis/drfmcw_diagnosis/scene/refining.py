@@ -13,7 +13,7 @@ from drfmcw_ros.cli import write_atomically
 from ..finding.refined import scenario_mapping
 from ..finding.result import FoundEffect
 from ..recording.dataset import Dataset
-from .ramp import Ramp
+from .ramps.ramp import Ramp
 
 
 def write_refined(path: Path, data: Dataset, effects: Sequence[FoundEffect], bent: Ramp | None) -> str | None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.interpolate import BSpline
 
-from .limits import SHAPE
+from ..limits import SHAPE
 
 _DEGREE = 3
 
@@ -112,7 +112,8 @@ def followed(line: Line) -> tuple[float, np.ndarray, float] | None:
     for turns in np.arange(max(peak - SHAPE.near, SHAPE.fewest_turns), min(peak + SHAPE.near, high), 0.25):
         psi = np.pi * turns * (place + 1.0)
         amplitude = legvander(place, 2)
-        base, _ = np.linalg.qr(np.hstack([constant, amplitude * np.cos(psi)[:, None], amplitude * np.sin(psi)[:, None]]))
+        turned = amplitude * np.cos(psi)[:, None], amplitude * np.sin(psi)[:, None]
+        base, _ = np.linalg.qr(np.hstack([constant, *turned]))
         best = min(best, (float(np.sum((line.signal - base @ (base.T @ line.signal)) ** 2)), float(turns)))
     psi = np.pi * best[1] * (place + 1.0)
     for order in SHAPE.orders:
@@ -136,10 +137,12 @@ def learn(lines: Sequence[Line], phases: Sequence[np.ndarray]) -> Shape:
     """
     low = min(float(line.frequency[0]) for line in lines)
     high = max(float(line.frequency[-1]) for line in lines)
-    turns = max(abs(p[-1] - p[0]) / (2.0 * np.pi) * (high - low) / np.ptp(line.frequency) for line, p in zip(lines, phases, strict=True))
+    delays = np.array(
+        [np.ptp(p) / (2.0 * np.pi * np.ptp(line.frequency)) for line, p in zip(lines, phases, strict=True)]
+    )
+    turns = float(delays.max()) * (high - low)
     fit = _Fit(lines, low, high)
     rate: Callable[[np.ndarray], np.ndarray] = np.ones_like
-    delays = np.array([np.ptp(p) / (2.0 * np.pi * np.ptp(line.frequency)) for line, p in zip(lines, phases, strict=True)])
     offsets = np.array([p[0] for p in phases])
     for number, per_turn in enumerate(SHAPE.intervals):
         intervals = int(np.clip(per_turn * turns, SHAPE.fewest_intervals, SHAPE.most_intervals))
@@ -151,7 +154,8 @@ def learn(lines: Sequence[Line], phases: Sequence[np.ndarray]) -> Shape:
     shared = np.linspace(max(x.frequency[0] for x in lines), min(x.frequency[-1] for x in lines), 1000)
     mean = float(np.mean(rate(shared)))
     psi = tuple(
-        2.0 * np.pi * d * fit.integral(line, coefficients) + p for d, p, line in zip(delays, offsets, lines, strict=True)
+        2.0 * np.pi * d * fit.integral(line, coefficients) + p
+        for d, p, line in zip(delays, offsets, lines, strict=True)
     )
     scores = tuple(score(line, p) for line, p in zip(lines, psi, strict=True))
     stds = np.sqrt(np.diag(covariance))
@@ -239,9 +243,7 @@ class _Fit:
                 break
         return values[2 * count :], values[:count], values[count : 2 * count], np.linalg.inv(normal)
 
-    def _project(
-        self, values: np.ndarray, harmonics: bool, slopes: bool
-    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    def _project(self, values: np.ndarray, harmonics: bool, slopes: bool) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Return residuals of the samples that are fitted, and their slopes by `values`, beside the linear part."""
         count = len(self.lines)
         rests, jacobians = [], []

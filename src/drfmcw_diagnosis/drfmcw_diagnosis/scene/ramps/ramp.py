@@ -7,8 +7,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.interpolate import BSpline
 
-from .limits import SHAPE, WINDOW
-from .material import Material, averaged
+from ..limits import SHAPE, WINDOW
+from ..material import Material, averaged
 from .shape import Line, Score, Shape, followed, learn, score
 from .window import Window, window
 
@@ -75,15 +75,14 @@ class Ramp:
         design = BSpline.design_matrix(np.clip(share, 0.0, 1.0), knots, 3).toarray()
         weak = 0.02 * math.sqrt(len(sample)) * np.diff(np.eye(count), axis=0)  # constant where nothing was seen
         values = self.shape.over(frequency) / np.mean(self.shape.over(frequency))
-        coefficients = np.linalg.lstsq(np.vstack([design, weak]), np.concatenate([values, np.zeros(count - 1)]), rcond=None)[0]
+        right = np.concatenate([values, np.zeros(count - 1)])
+        coefficients = np.linalg.lstsq(np.vstack([design, weak]), right, rcond=None)[0]
         return np.maximum(coefficients, SHAPE.slowest), self.shape.std, float(m.duration * m.rate / w.length)
 
     @property
     def slope(self) -> tuple[float, float]:
         """Loss of amplitude from start to end of the nominal ramp, linear in dB, and its standard deviation [dB]."""
-        line, linear = self.lines[0], self.shape.scores[0].linear
-        at = SHAPE.constant + 1
-        amplitude = np.abs(legvander(line.place, SHAPE.amplitude) @ linear[at : at + SHAPE.amplitude + 1])
+        line, amplitude = self.lines[0], np.abs(self._amplitude)
         level = 20.0 * np.log10(np.maximum(amplitude, 1e-3 * amplitude.max()))
         share = line.sample / (self.material.duration * self.material.rate)
         slope, at_start = np.polyfit(share, level, 1)
@@ -91,11 +90,15 @@ class Ramp:
         return -float(slope), float(np.std(rest) / np.std(share) / math.sqrt(SHAPE.amplitude))
 
     @property
+    def _amplitude(self) -> np.ndarray:
+        linear, at = self.shape.scores[0].linear, SHAPE.constant + 1
+        values: np.ndarray = legvander(self.lines[0].place, SHAPE.amplitude) @ linear[at : at + SHAPE.amplitude + 1]
+        return values
+
+    @property
     def amplitude(self) -> float:
         """Root-mean-square amplitude of the first line [LSB]."""
-        line, linear = self.lines[0], self.shape.scores[0].linear
-        at = SHAPE.constant + 1
-        return float(np.sqrt(np.mean((legvander(line.place, SHAPE.amplitude) @ linear[at : at + SHAPE.amplitude + 1]) ** 2)))
+        return float(np.sqrt(np.mean(self._amplitude**2)))
 
     @property
     def constant(self) -> float:

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from .limits import WINDOW
-from .material import Material
+from ..limits import WINDOW
+from ..material import Material
 
 
 @dataclasses.dataclass(frozen=True)
