@@ -10,7 +10,7 @@ from ..finding.result import Estimate, FoundEffect, Location
 from .background import Background, gain
 from .bursts import Bursts
 from .images import Image
-from .limits import SHAPE
+from .limits import SHAPE, SIDES
 from .material import Material
 from .rails import Limit
 from .ramps.ramp import Ramp
@@ -176,6 +176,25 @@ def of_background(found: Background, moving: Track | None, m: Material) -> Evide
         paths = [None if math.isnan(p) else float(p) for p in moving.path]
         figures['track'] = {'sweep': moving.sweep.tolist(), 'path': paths}
     return Evidence(effects, locations, tuple(said), (), figures)
+
+
+def of_side(m: Material) -> Evidence:
+    """Say where the lines of a quadrature receiver stand on the side on which no rising ramp has echoes."""
+    if not m.iq:
+        return Evidence((), (), ())
+    flat = m.signal - m.signal.mean(axis=1, keepdims=True)
+    count = m.signal.shape[1]
+    power = np.mean(np.abs(np.fft.fft(flat * np.hanning(count), axis=1)) ** 2, axis=0)
+    half = slice(SIDES.cells, count // 2)
+    expected, other = float(power[half].max()), float(power[::-1][half].max())
+    if m.bandwidth < 0.0:
+        expected, other = other, expected
+    mirrored = other > expected * 10.0 ** (SIDES.above / 10.0)
+    said = (
+        'The strongest line stands at the frequency of the opposite sign: I and Q may be swapped, or the ramp may have '
+        'the other direction.',
+    )
+    return Evidence((), (), said if mirrored else (), (), {'mirrored': True} if mirrored else {})
 
 
 def _effect(

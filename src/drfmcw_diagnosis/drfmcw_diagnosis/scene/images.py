@@ -15,7 +15,8 @@ class Image:
 
     ratio: complex
     std: float
-    lines: int  # that agree on it
+    lines: int  # from which it comes
+    scatter: float  # from line to line [1]
 
     @property
     def gain(self) -> float:
@@ -35,7 +36,15 @@ class Image:
 
 
 def image(m: Material) -> Image | None:
-    """Return the image that all strong lines agree on, None where they do not, or for a real receiver.
+    """Return the image that all strong lines agree on, None where they do not, or for a real receiver."""
+    found = measured(m)
+    if found is None or found.lines < 3 or found.scatter > IMAGES.agree * abs(found.ratio):
+        return None
+    return found if abs(found.ratio) >= max(IMAGES.least, IMAGES.sigma * found.std) else None
+
+
+def measured(m: Material) -> Image | None:
+    """Return what stands at the images of the strongest lines, whatever it is; None without such lines.
 
     Moving lines decide where there are any: nothing else stands at -f with the opposite Doppler shift. A static line
     shares its mirror with returns of other ranges only by chance, so several must agree.
@@ -67,8 +76,4 @@ def image(m: Material) -> Image | None:
     scatter = float(np.sqrt(np.sum(weight * np.abs(each - ratio) ** 2)))
     noise = math.sqrt(floor / float(np.sum(np.abs(line) ** 2)))
     std = math.hypot(noise, scatter / math.sqrt(max(len(order) - 1, 1)))
-    if len(order) < 3 or scatter > IMAGES.agree * abs(ratio):
-        return None
-    if abs(ratio) < max(IMAGES.least, IMAGES.sigma * std):
-        return None
-    return Image(ratio, std, len(order))
+    return Image(ratio, std, len(order), scatter)

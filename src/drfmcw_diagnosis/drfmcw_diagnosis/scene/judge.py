@@ -11,10 +11,10 @@ from ..finding.result import BeforeAfter, Diagnosis, Explanation, Fit, Location,
 from ..finding.wording import sentences
 from ..recording.dataset import Dataset
 from .background import Background, background
-from .bursts import bursts, unpredicted
+from .bursts import Bursts, bursts, unpredicted
 from .censored import limited_fit
-from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp
-from .images import image
+from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp, of_side
+from .images import Image, image, measured
 from .limits import JUDGE
 from .material import Material, material
 from .rails import limit
@@ -29,7 +29,7 @@ def shared_ramps(datasets: Sequence[Dataset]) -> list[Ramp | None]:
 
     For `examine`, whose findings then have delays on one scale.
     """
-    ramps = [_ramp(material(data)) for data in datasets]
+    ramps = [own_ramp(data) for data in datasets]
     bent = [r for r in ramps if r is not None and r.bends]
     shared = iter(together(bent) if bent else [])
     return [next(shared) if r is not None and r.bends else r for r in ramps]
@@ -49,7 +49,7 @@ def examine(
     None to learn it from this recording alone; the other arguments are those of `engine.diagnose_dataset`.
     """
     m = material(data)
-    single = _single(m)
+    single, at_zero = _alone(m)
     found: list[Evidence] = []
     unusable = np.zeros(m.parts.shape, bool)
     limited = None if single or 'clipping' in without else limit(m)
@@ -65,14 +65,15 @@ def examine(
     bent = (shared or ramp(m)) if limited is None and bursting is None else None
     if bent is not None and (bent.bends or any(bent.narrower)):
         found.append(_kept(of_ramp(bent), without))
-    imaged = image(m) if 'iq_imbalance' not in without else None
+    imaged = image(_without(bursting, m)) if 'iq_imbalance' not in without else None
     if imaged is not None:
         found.append(of_image(imaged, m))
-    if single and not any(e.effects for e in found):
+    if (single or at_zero) and not any(e.effects for e in found):
         return None
     repeated = None if single else background(m)
     if repeated is not None:
         found.append(_kept(of_background(repeated, track(m, repeated.mean), m), without))
+    found.append(of_side(m))
     if limited is not None:
         fit = limited_fit(m, limited)
     else:
@@ -83,7 +84,19 @@ def examine(
     return _diagnosis(data, m, found, fit, bent, false_alarm_rate, out, command)
 
 
-def _ramp(m: Material) -> Ramp | None:
+def own_image(data: Dataset) -> Image | None:
+    """Return what stands at the images of the strongest lines outside bursts, whether it is an effect or not."""
+    m = material(data)
+    return measured(_without(bursts(m), m))
+
+
+def _without(found: Bursts | None, m: Material) -> Material:
+    return m if found is None else dataclasses.replace(m, signal=np.where(found.at, 0.0, m.signal))
+
+
+def own_ramp(data: Dataset) -> Ramp | None:
+    """Return the ramp that a recording's own line shows, None where no single line is strong enough."""
+    m = material(data)
     return None if limit(m) is not None else ramp(m)
 
 
@@ -91,12 +104,12 @@ def _kept(evidence: Evidence, without: Collection[str]) -> Evidence:
     return dataclasses.replace(evidence, effects=tuple(e for e in evidence.effects if e.effect not in without))
 
 
-def _single(m: Material) -> bool:
-    """Return True where one line, or 0 Hz, holds nearly all power: the comparison of features is made for one line."""
+def _alone(m: Material) -> tuple[bool, bool]:
+    """Return whether one line, and whether 0 Hz, holds nearly all power: features are compared for one line."""
     signal = m.signal[: JUDGE.sweeps]
     count = signal.shape[1]
     if count < JUDGE.fewest_samples:
-        return False
+        return False, False
     power = np.abs(np.fft.fft((signal - signal.mean(axis=1, keepdims=True)) * np.hanning(count), axis=1)) ** 2
     whole = float(power.sum())
     power[:, np.minimum(np.arange(count), count - np.arange(count)) <= JUDGE.skirt] = 0.0
@@ -104,7 +117,7 @@ def _single(m: Material) -> bool:
     for row in power:
         around = np.arange(-JUDGE.skirt, JUDGE.skirt + 1) + int(np.argmax(row))
         held += float(row[around % count].sum()) * (1.0 if m.iq else 2.0)
-    return held > JUDGE.single * whole or float(power.sum()) < (1.0 - JUDGE.single) * whole
+    return held > JUDGE.single * whole, float(power.sum()) < (1.0 - JUDGE.single) * whole
 
 
 def _fit(m: Material, unusable: np.ndarray) -> Fit:

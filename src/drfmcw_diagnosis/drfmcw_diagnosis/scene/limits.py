@@ -39,6 +39,13 @@ class WindowLimits:
     dead: float = 0.08
     """Power of first differences below which nothing moves, over its median [1]; chosen: a crest has twice it."""
 
+    above: float = 8.0
+    """Power of first differences over that of noise, from which on noise alone is told from a crest [1]; derived: a
+    crest then has 2.4 times that of noise."""
+
+    alone: float = 1.5
+    """Power of first differences over that of noise up to which noise is alone [1]; chosen."""
+
     awake: float = 0.25
     """The same from which on the signal follows the ramp again [1]; chosen."""
 
@@ -60,8 +67,8 @@ class ShapeLimits:
     """Order of the amplitudes of second and third harmonic; chosen on the GMR recordings, where 3 leaves a third
     more."""
 
-    fewest_turns: float = 4.0
-    """Periods of the line in a sweep, at least; chosen: fewer are not told from the constant."""
+    fewest_turns: float = 10.0
+    """Periods of the line in a sweep, at least; derived: the constant's order describes up to eight."""
 
     most_turns: float = 0.2
     """Periods of the line per sample, at most; chosen."""
@@ -269,6 +276,17 @@ class TrackLimits:
 
 
 @dataclasses.dataclass(frozen=True)
+class SideLimits:
+    """On which side of 0 Hz lines are expected."""
+
+    cells: int = 4
+    """Bins from 0 Hz that are left out; chosen."""
+
+    above: float = 10.0
+    """Level of the other side's line over the expected one's [dB]; chosen, as at the import."""
+
+
+@dataclasses.dataclass(frozen=True)
 class JudgeLimits:
     """When a scene is judged, and how."""
 
@@ -312,4 +330,5 @@ BURSTS = BurstLimits()
 IMAGES = ImageLimits()
 BACKGROUND = BackgroundLimits()
 TRACK = TrackLimits()
+SIDES = SideLimits()
 JUDGE = JudgeLimits()

@@ -29,7 +29,7 @@ def limit(m: Material) -> Limit | None:
 def _rail(m: Material) -> Limit | None:
     codes = m.parts
     outermost = float(np.abs(codes).max())
-    widths = [w for w in RAILS.widths if w <= max(8.0, 4.0 * m.noise) and w < 0.01 * outermost]
+    widths = [w for w in RAILS.widths if w <= max(8.0, 4.0 * m.noise) and w <= max(1.0, 0.01 * outermost)]
     found: list[tuple[float, float, np.ndarray, float]] = []
     for sign in (1.0, -1.0):
         side = sign * codes

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -36,9 +37,13 @@ def write_refined(path: Path, data: Dataset, effects: Sequence[FoundEffect], ben
         stop['steps'] = [0.0] * len(stop['steps'])
         m = bent.material
         station = mapping['stations'][m.station]
-        level = m.decibels(bent.amplitude) + station['full_scale_power']
-        if not math.isnan(level):
-            station['rx_antenna_gain'] = level
+        slope = next((e.parameters['slope'].value for e in effects if e.effect == 'amplitude_slope'), 0.0)
+        fading = np.mean(10.0 ** (-slope / 10.0 * np.linspace(0.0, 1.0, 100)))  # of the power, from the ramp's start
+        full_scale = station['full_scale_power']
+        station['rx_antenna_gain'] = float(m.decibels(bent.amplitude / math.sqrt(fading)) + full_scale)
+        # a bent line spreads over the bins among which the chain measures noise
+        density = m.decibels(math.sqrt(2.0) * m.noise) + full_scale - 10.0 * math.log10(0.5 * m.rate)
+        station['noise_floor'] = float(density + (10.0 * math.log10(0.5) if m.iq else 0.0))
     write_atomically(path, yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=120))
     return str(path)
 

@@ -45,7 +45,10 @@ def window(m: Material, period: float) -> Window:
     width = int(np.clip(period / 6.0, 6, count / 8))  # a crest moves four times as much as what is dead
     step = np.mean(np.abs(np.diff(signal, axis=1)) ** 2, axis=0)
     moving = np.convolve(step, np.ones(width) / width, 'same')
-    level = WINDOW.dead * float(np.median(moving[begins:ends]))
+    usual, noise = float(np.median(moving[begins:ends])), 2.0 * m.noise**2 * (2.0 if m.iq else 1.0)
+    level = WINDOW.dead * usual
+    if usual > WINDOW.above * noise:  # noise alone is no movement either
+        level = max(level, WINDOW.alone * noise)
     fine = np.convolve(step, np.ones(4) / 4.0, 'same')
     settled = begins + WINDOW.clear if begins else 0
     asleep = _still(step[settled:ends], width, level)
