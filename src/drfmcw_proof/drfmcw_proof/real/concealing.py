@@ -29,6 +29,20 @@ def concealments(data: Dataset, seed: int) -> list[Concealed]:
     return found
 
 
+def wrong_settings(data: Dataset) -> list[tuple[str, Dataset]]:
+    """Return the recording with a wrong ramp rate, or a wrong start frequency, in words and with these settings."""
+    wrong = [(f'ramp rate {error:+.1f} %', {'bandwidth': 1.0 + error / 100.0}) for error in (0.5, 1.0, -2.0, 5.0)]
+    wrong += [(f'start frequency {error:+.1f} %', {'start_frequency': 1.0 + error / 100.0}) for error in (-1.0, 2.0)]
+    result = []
+    for words, factors in wrong:
+        sweeps = tuple(
+            tuple(dataclasses.replace(s, **{k: getattr(s, k) * f for k, f in factors.items()}) for s in each)
+            for each in data.sweeps
+        )
+        result.append((words, dataclasses.replace(data, sweeps=sweeps)))
+    return result
+
+
 def swapped(data: Dataset) -> Dataset:
     """Return a quadrature recording with I and Q exchanged."""
     samples = data.samples_of(0)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from drfmcw_diagnosis.finding.result import Diagnosis
 from drfmcw_diagnosis.finding.wording import misfit
 
-from .running import Carried, Found, Trial
+from .running import Carried, Found, Setting, Trial
 
 _RIGHT = 0.9  # share of the trials that must be right
 
@@ -15,6 +15,7 @@ def page(
     found: Sequence[Found],
     trials: Sequence[Trial],
     carried: Sequence[Carried],
+    settings: Sequence[Setting],
     exchanged: Sequence[tuple[str, bool]],
 ) -> str:
     """Return the page as Markdown."""
@@ -39,7 +40,7 @@ def page(
         said = _sentences(x.diagnosis)
         if said:
             lines += ['', f'**{x.name}**: ' + ' '.join(said)]
-    lines += ['', '## Ramps learnt on one recording, tried on another one', '', *_shapes(carried)]
+    lines += ['', '## Ramps learnt on one recording, tried on another one', '', *_shapes(carried), *_wrong(settings)]
     lines += ['', '## Effects added to real samples', '', *_tries(trials, exchanged)]
     lines += [
         '',
@@ -106,6 +107,25 @@ def _shapes(carried: Sequence[Carried]) -> list[str]:
             f'{c.held_out:.1f} | {c.own:.1f} |'
         )
     return lines
+
+
+def _wrong(settings: Sequence[Setting]) -> list[str]:
+    if not settings:
+        return []
+    lines = [
+        '',
+        'A wrong setting of one recording shows beside another one of the same radar and cable: the delays disagree by '
+        'more than 0.3 %, or the shape no longer fits.',
+        '',
+        '| learnt on | tried on, with a wrong setting | difference of the delays | misfit over that with the right '
+        'setting | seen |',
+        '|---|---|---|---|---|',
+    ]
+    return lines + [
+        f'| {s.learnt} | {s.tried}: {s.words} | {100.0 * s.difference:+.2f} % | {s.misfit:.2f} | '
+        f'{"yes" if s.seen else "no"} |'
+        for s in settings
+    ]
 
 
 def _tries(trials: Sequence[Trial], exchanged: Sequence[tuple[str, bool]]) -> list[str]:

@@ -16,8 +16,10 @@ from drfmcw_diagnosis.scene.ramps.ramp import Ramp
 from drfmcw_diagnosis.scene.ramps.shared import carried_over
 from drfmcw_physics.settings import ConfigurationError
 
-from .concealing import concealments, swapped
+from .concealing import concealments, swapped, wrong_settings
 
+_AGREE = 0.003  # delays of one cable by one shape, relative
+_WORSE = 1.5  # misfit by another recording's shape over that with the right setting
 _STANDARD_DEVIATIONS = 4.0  # within which a size must come out
 
 
@@ -64,6 +66,22 @@ class Carried:
     own: float  # the same by a shape of its own [LSB]
 
 
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """A recording with a wrong setting, beside another one of the same radar whose settings are right."""
+
+    learnt: str
+    tried: str
+    words: str
+    difference: float  # of the delays, relative
+    misfit: float  # by the other's shape, over that with the right setting
+
+    @property
+    def seen(self) -> bool:
+        """The delays disagree by more than those of right settings do, or the shape does not fit any more."""
+        return abs(self.difference) > _AGREE or self.misfit > _WORSE
+
+
 def named(diagnosis: Diagnosis | None) -> frozenset[str]:
     """Return the names of the effects of a diagnosis."""
     if diagnosis is None or diagnosis.explanation is None:
@@ -90,8 +108,8 @@ def recordings(paths: Sequence[Path]) -> list[Path]:
 
 def run(
     paths: Sequence[Path], seed: int, progress: Callable[[str], None]
-) -> tuple[list[Found], list[Trial], list[Carried], list[tuple[str, bool]]]:
-    """Return findings, trials, shapes carried over, and whether swapped I and Q were seen."""
+) -> tuple[list[Found], list[Trial], list[Carried], list[Setting], list[tuple[str, bool]]]:
+    """Return findings, trials, shapes carried over, wrong settings, and whether swapped I and Q were seen."""
     datasets: dict[str, Dataset] = {}
     found, trials, exchanged = [], [], []
     for path in paths:
@@ -110,7 +128,7 @@ def run(
         trials += _trials(path.name, data, found[-1].effects, seed)
         if data.iq:
             exchanged.append((path.name, _sign(data) != _sign(swapped(data))))
-    return found, trials, _carried(datasets), exchanged
+    return found, trials, *_carried(datasets), exchanged
 
 
 def _sign(data: Dataset) -> bool:
@@ -151,10 +169,10 @@ def _outcome(
     return 'right', text
 
 
-def _carried(datasets: dict[str, Dataset]) -> list[Carried]:
-    """Return every shape tried on every other recording with the same sampling, ramp and an overlapping band."""
+def _carried(datasets: dict[str, Dataset]) -> tuple[list[Carried], list[Setting]]:
+    """Return every shape, and every wrong setting, tried on every other recording of the same sampling and overlapping band."""
     bent = {name: r for name, data in datasets.items() if (r := own_ramp(data)) is not None and r.bends}
-    result = []
+    result, settings = [], []
     for learnt, known in bent.items():
         for tried, ramp in bent.items():
             if learnt == tried or not _alike(known, ramp):
@@ -168,7 +186,13 @@ def _carried(datasets: dict[str, Dataset]) -> list[Carried]:
                     float(known.shape.delay[0]), other.held_out, ramp.held_out,
                 )
             )  # fmt: skip
-    return result
+            for words, data in wrong_settings(datasets[tried]):
+                wrong = own_ramp(data)
+                if wrong is not None:
+                    moved = carried_over(known.shape, wrong)
+                    difference = float(moved.shape.delay[0] / known.shape.delay[0]) - 1.0
+                    settings.append(Setting(learnt, tried, words, difference, moved.held_out / other.held_out))
+    return result, settings
 
 
 def _alike(one: Ramp, other: Ramp) -> bool:
