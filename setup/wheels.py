@@ -62,7 +62,9 @@ def repair(venv):
     """Replace the two paths of the wheels' build machine that their CMake files export by the ones here."""
     python_include = sysconfig.get_path("include")
     packages = os.path.join(venv, "lib", f"python{sys.version_info[0]}.{sys.version_info[1]}", "site-packages")
-    numpy_include = os.path.join(packages, "numpy", "_core", "include")
+    # Before NumPy 2 its headers lie in core.
+    cores = [os.path.join(packages, "numpy", core, "include") for core in ("_core", "core")]
+    numpy_include = next((path for path in cores if os.path.isdir(path)), cores[0])
     # Of any other environment: a cache of wheels may hold files that an earlier set-up has changed.
     wrong_numpy = re.compile(r'/[^;"<>\s]*/site-packages/numpy/_?core/include')
     wrong_python = re.compile(r'/opt/python/[^/;">]+/include/python3\.\d+')

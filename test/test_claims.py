@@ -25,7 +25,14 @@ BANNED = (
     (r'\blends?\b', 'contributes'),
     (r'\bstated deviations?\b', 'standard deviation'),
 )
-"""Words that the documents avoid, and what to write instead."""
+"""Words that documents, docstrings, messages and names avoid, and what to write instead."""
+
+SOURCES = sorted(
+    path
+    for pattern in ('src/*/**/*.py', 'test/*.py', 'setup/*.py', 'benchmarks/*.py', 'conftest.py', 'drfmcw')
+    for path in ROOT.glob(pattern)
+    if path != Path(__file__)
+)
 
 
 def name(path):
@@ -134,6 +141,55 @@ def test_document_avoids_banned_words(document):
         for pattern, instead in BANNED:
             found = re.search(pattern, line, re.IGNORECASE)
             assert not found, f'{name(document)}:{number}: "{found[0]}"; write: {instead}'
+
+
+def test_sources_avoid_banned_words():
+    """An underscore separates words of a name as a space does those of a sentence."""
+    assert len(SOURCES) > 300
+    found = []
+    for path in SOURCES:
+        for number, line in enumerate(path.read_text(encoding='utf-8').replace('_', ' ').splitlines(), 1):
+            here = [instead for pattern, instead in BANNED if re.search(pattern, line, re.IGNORECASE)]
+            found += [f'{name(path)}:{number}: write {instead}' for instead in here]
+    assert not found, '\n'.join(found)
+
+
+def test_one_module_starts_worker_processes():
+    for path in ROOT.glob('src/*/drfmcw_*/**/*.py'):
+        if path.name != 'processes.py':
+            found = re.search(r'ProcessPoolExecutor|\b(import|from) multiprocessing', path.read_text('utf-8'))
+            assert not found, name(path)
+
+
+def bare_constants(path):
+    """Return names of a module's constants that are numbers, or collections of numbers, without unit and origin."""
+    found = []
+    for node in ast.parse(path.read_text(encoding='utf-8')).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', None)]
+        value = getattr(node, 'value', None)
+        for target in targets:
+            if isinstance(target, ast.Name) and target.id.isupper() and isinstance(value, ast.Constant | ast.Tuple):
+                numbers = [n.value for n in ast.walk(value) if isinstance(n, ast.Constant)]
+                found += [target.id] if any(type(n) in (int, float) for n in numbers) else []
+    return found
+
+
+def test_constants_of_the_diagnosis_state_unit_and_origin():
+    """They are fields of frozen dataclasses, each of which has a docstring of its own."""
+    package = ROOT / 'src/drfmcw_diagnosis/drfmcw_diagnosis'
+    for path in package.rglob('*.py'):
+        if path.relative_to(package).parts[0] not in ('search', 'recording'):
+            assert not bare_constants(path), name(path)
+    for path in package.rglob('limits.py'):
+        for node in ast.parse(path.read_text(encoding='utf-8')).body:
+            if not isinstance(node, ast.ClassDef):
+                continue
+            for field, text in itertools.pairwise(node.body):
+                if isinstance(field, ast.AnnAssign):
+                    said = ast.literal_eval(text.value) if isinstance(text, ast.Expr) else ''
+                    where = f'{name(path)}: {node.name}.{field.target.id}'
+                    assert re.search(r'\b(chosen|derived|measured)\b', said), where
+            assert not isinstance(node.body[-1], ast.AnnAssign), f'{name(path)}: {node.name}'
 
 
 def test_benchmarks_are_generated_from_their_figures(monkeypatch):

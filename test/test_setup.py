@@ -94,7 +94,7 @@ def test_unsupported_python_named(checkout):
 
 
 @pytest.mark.parametrize("version", ["2.7", "3.6", "3.8", "3.10"])
-def test_old_python_is_told_in_one_line_or_finds_a_newer_one(checkout, bare_path, version):
+def test_old_python_says_so_in_one_line_or_finds_a_newer_one(checkout, bare_path, version):
     old = _old_python(version)
     if old is None:
         pytest.skip(f"no Python {version} here")
@@ -143,7 +143,7 @@ def test_interrupted_setup_is_not_taken_for_a_complete_one(checkout):
     os.killpg(process.pid, 9)
     process.wait()
     assert (checkout / ".venv" / "bin" / "python").exists()
-    # Told that there is no network, it has begun again instead of starting a module that is not there.
+    # After saying that there is no network, it has begun again instead of starting a module that is not there.
     unreachable = {**nowhere, "PIP_INDEX_URL": "http://127.0.0.1:9/simple"}
     done = launch(checkout, "info", **unreachable)
     assert done.returncode == 2

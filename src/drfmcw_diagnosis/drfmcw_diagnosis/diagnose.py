@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.progress import Progress
 
-from .engine import FALSE_ALARM_RATE, diagnose
+from .engine import LIMITS, diagnose
 from .finding.report import render_html
 from .finding.summary import terminal
 
@@ -32,11 +33,11 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--out', metavar='DIR', help='write finding.json, report.html and refined.yaml there')
     result.add_argument('--pair', metavar='FIRST/SECOND', help='pair of stations (the one with most sweeps)')
     result.add_argument(
-        '--false-alarm-rate', type=float, default=FALSE_ALARM_RATE, metavar='P',
-        help=f'accepted chance of finding a mismatch where there is none ({FALSE_ALARM_RATE:g})',
+        '--false-alarm-rate', type=float, default=LIMITS.false_alarm_rate, metavar='P',
+        help=f'accepted chance of finding a mismatch where there is none ({LIMITS.false_alarm_rate:g})',
     )  # fmt: skip
     result.add_argument('--without', default='', metavar='EFFECT[,EFFECT]', help='search without these effects')
-    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
+    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='processes (default: all cores)')
     return result
 
 
@@ -58,7 +59,7 @@ def _run(arguments: argparse.Namespace, command: str) -> None:
         out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task('reading', total=1.0)
         diagnosis = diagnose(
             arguments.recording,

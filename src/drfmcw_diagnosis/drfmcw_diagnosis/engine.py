@@ -28,13 +28,13 @@ from .search.search import Search
 from .search.selection import searched
 from .search.verdict import Judgement, judged
 
-FALSE_ALARM_RATE = 0.01
-"""Accepted chance of finding a mismatch in a recording that holds none."""
-
 
 @dataclasses.dataclass(frozen=True)
 class EngineLimits:
     """How a finding is verified, and how far sizes are trusted."""
+
+    false_alarm_rate: float = 0.01
+    """Accepted chance of finding a mismatch in a recording that holds none [1]; chosen."""
 
     fitted_share: float = 2.0 / 3.0
     """Share of the sweeps of each group that is fitted, the first ones [1]; chosen."""
@@ -52,7 +52,7 @@ LIMITS = EngineLimits()
 def diagnose(
     path: Path | str,
     pair: str | None = None,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
+    false_alarm_rate: float = LIMITS.false_alarm_rate,
     out: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     command: str = '',
@@ -82,7 +82,7 @@ def diagnose(
 
 def diagnose_dataset(
     data: Dataset,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
+    false_alarm_rate: float = LIMITS.false_alarm_rate,
     out: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     command: str = '',
@@ -185,7 +185,7 @@ def _split(data: Dataset, compared: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _per_freedom(comparison: Comparison, chosen: Fitted | None) -> float:
-    """Return the squared whitened residual per number beside an explanation, where it tells what to expect."""
+    """Return the squared whitened residual per number beside an explanation, where it predicts the number."""
     rest = remainder(comparison, chosen)
     return float(np.nanmean(rest**2))
 
@@ -240,7 +240,7 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
     declared = declared_parameters(effect.candidate.kind)
     parameters = {}
     for name in effect.candidate.free:
-        value, std = effect.told.get(name, (effect.values[name], effect.stds[name]))
+        value, std = effect.widened.get(name, (effect.values[name], effect.stds[name]))
         if name == effect.candidate.recipe.carrier[0]:
             value, std = effect.candidate.reflected(effect.values), _phase_std(effect)
         unit = declared[name.partition('[')[0]][1].unit
@@ -271,7 +271,7 @@ def _phase_std(effect: FittedEffect) -> float:
 
 
 def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
-    sentences_ = [*data.missing, *search.comparison.known.untold()]
+    sentences_ = [*data.missing, *search.comparison.known.undetermined()]
     compared = sum(map(len, search.comparison.members))
     if len(representative(data.group)) < len(data):
         sentences_.append(f'Compared: {compared} of {len(data)} sweeps, spread evenly over the recording.')

@@ -1,4 +1,4 @@
-"""Coherence of both lines' phase noise, by which the noisier oscillator is told."""
+"""Coherence of both lines' phase noise, which shows the noisier oscillator."""
 
 import numpy as np
 import pytest

@@ -144,7 +144,7 @@ def test_nominal_model_is_the_simulators(sections, tmp_path):
         for own, true in zip(nominal.stations, truth.stations, strict=True):
             for name in ('alpha', 'sample_clock', 'received_power', 'noise_density', 'full_scale', 'iq', 'phase_noise'):
                 assert np.array_equal(getattr(own, name), getattr(true, name)), name
-            # told every 5 ms while it rises by 5 K/s
+            # reported every 5 ms while it rises by 5 K/s
             np.testing.assert_allclose(own.temperature, true.temperature, atol=0.026)
         done += len(slots)
         timeline.advance(len(slots))
@@ -273,7 +273,7 @@ def test_drive_is_cut_into_groups(tmp_path):
 
 
 def test_unknown_levels_are_taken_from_the_sweeps(tmp_path):
-    """A radar that tells neither EIRP nor full scale nor noise: the power stands in dBFS, the noise as measured."""
+    """A radar that states neither EIRP nor full scale nor noise: the power stands in dBFS, the noise as measured."""
     unknown = ('tx_eirp', 'rx_antenna_gain', 'full_scale_power', 'noise_floor', 'phase_noise_level')
     quiet = own_echo([40.0], waveform={'iq': True}, reference={'enabled': False})
     quiet['stations'] = {'radar': {'delay': 0.0, 'phase_noise_level': float('nan'), 'noise_floor': -120.0}}
@@ -308,14 +308,14 @@ def test_refined_scenario_reproduces_a_recording(practice, tmp_path):
     for one, other in zip(again.calibration, practice.calibration, strict=True):
         assert dataclasses.replace(one, stamp=0, frame_id='') == dataclasses.replace(other, stamp=0, frame_id='')
     np.testing.assert_allclose(again.board_temperature, practice.board_temperature, atol=1e-6)
-    # told with 0.2 K of noise in 15 readings each; a linear change half a pause wide would show as kelvins
+    # reported with 0.2 K of noise in 15 readings each; a linear change half a pause wide would show as kelvins
     assert np.abs(again.temperature - practice.temperature).max() < 1.0
     shift = group_means(again.distance - practice.distance, practice)
     assert np.abs(shift).max() < 5 * 0.005 / np.sqrt(24)  # 14 means of 24 readings: chance 8e-6
     # 336 sweeps: 0.015 dB of standard deviation in the difference of powers, 0.03 dB in that of densities
     assert np.abs(np.mean(again.lines.power - practice.lines.power, axis=1)).max() < 0.1
     assert np.abs(np.mean(again.lines.noise_density - practice.lines.noise_density, axis=1)).max() < 0.2
-    # beat sums as ranges: means of 24 sweeps, the reference's noise in the distance, humidity told to 1 % (1 ppm)
+    # beat sums as ranges: means of 24 sweeps, the reference's noise in the distance, humidity known to 1 % (1 ppm)
     difference = group_means(again.lines.range - practice.lines.range, practice)
     variance = group_means(again.lines.range_std**2 + practice.lines.range_std**2 + 0.005**2, practice) / 24
     variance += (1.5e-6 * group_means(practice.distance, practice)) ** 2
@@ -401,7 +401,7 @@ def test_what_no_scenario_can_express_is_refused(standing, tmp_path):
     assert not (tmp_path / 'f.yaml').exists()
 
 
-def test_one_line_tells_the_delay(practice):
+def test_one_line_states_the_delay(practice):
     """The distance of one station alone is where its nominal line would be (eqs. 1-4), in both modes and roles."""
     for i in range(2):
         alone = dataclasses.replace(

@@ -22,7 +22,7 @@ from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping
 
 IQ = {'waveform': {'iq': True}}
-IN_THE_IF = ('ramp', 'flutter', 'lines', 'mean', 'harmonic', 'burst')  # told by the samples alone
+IN_THE_IF = ('ramp', 'flutter', 'lines', 'mean', 'harmonic', 'burst')  # what samples alone show
 
 
 def recorded(path, **sections):
@@ -104,7 +104,7 @@ def test_t_off_stands_in_the_range_of_one_line(by_others, station):
 
 @pytest.mark.parametrize('sections', [{}, IQ], ids=['real', 'quadrature'])
 def test_own_echos_residuals_are_noise(tmp_path, sections):
-    """Movement is told to the phase of its line; of I/Q samples both parts have a mean."""
+    """The phase of its line determines movement; of I/Q samples both parts have a mean."""
     data = read_dataset(own_echo(tmp_path / 'r', **sections))
     comparison = Comparison(data)
     assert comparison.measured.mean.shape == (5, 1, 2 if data.iq else 1)
@@ -116,7 +116,7 @@ def test_a_single_sweep_is_compared_with_white_noise(tmp_path):
     """Without phase noise that is all there is; 111 cosine terms of amplitude and of phase."""
     quiet = {'phase_noise_level': float('nan')}
     comparison = Comparison(read_dataset(own_echo(tmp_path / 'r', (60.0,), 1, quiet)))
-    assert comparison.known.untold()[-1].startswith('Fewer than 3 sweeps')
+    assert comparison.known.undetermined()[-1].startswith('Fewer than 3 sweeps')
     assert_noise(comparison, 'ramp', 'lines', 'mean', 'range')
 
 
@@ -144,7 +144,7 @@ def test_effects_at_the_station_without_samples_act_on_its_peers_chirps(by_other
 
 
 @pytest.mark.parametrize(
-    ('topics', 'compared', 'untold'),
+    ('topics', 'compared', 'missing'),
     [
         (['/reference'], {*IN_THE_IF, 'noise', 'coherence', 'beat', 'amplitude', 'movement'}, '/reference/range'),
         (['/calibration'], {*IN_THE_IF, 'beat', 'amplitude', 'velocity', 'movement'}, '/slave/calib'),
@@ -154,13 +154,13 @@ def test_effects_at_the_station_without_samples_act_on_its_peers_chirps(by_other
     ],
     ids=['reference', 'calibration', 'slave and reference', 'conditions', 'all but one'],
 )
-def test_what_is_missing_is_said_and_not_compared(tmp_path, topics, compared, untold):
+def test_what_is_missing_is_said_and_not_compared(tmp_path, topics, compared, missing):
     """Nothing is concealed: what is left is noise. Without weather the range is trusted to what air may do."""
     data = read_dataset(without(recorded(tmp_path / 'r'), tmp_path / 'less', *topics))
     comparison = Comparison(data)
     everything = {*IN_THE_IF, 'noise', 'coherence', 'beat', 'amplitude', 'range', 'velocity', 'movement'}
     assert_noise(comparison, *(compared or everything))
-    assert any(untold in sentence for sentence in data.missing)
+    assert any(missing in sentence for sentence in data.missing)
     if '/site' in topics and compared is None:
         assert np.all(comparison.std.range > 2e-5 * comparison.data.distance[[m[0] for m in comparison.members]])
 
@@ -183,8 +183,8 @@ def test_a_ripple_is_named_by_one_station(tmp_path):
     named = [e for x in (found.explanation, *found.alternatives) for e in x.effects]
     (ripple,) = [e for e in named if (e.effect, e.station) == ('sweep_ripple', 'master')]
     for name, value in truth.items():
-        told = ripple.parameters[name]
-        assert abs(abs(told.value) - value) < 4.0 * told.std
+        found = ripple.parameters[name]
+        assert abs(abs(found.value) - value) < 4.0 * found.std
     assert 0.9 < found.fit.held_out.after < 1.1 < found.fit.held_out.before
     assert any('/slave/if_samples is missing' in sentence for sentence in found.not_testable)
 

@@ -80,8 +80,8 @@ def separations(comparison, truth, other, *candidates):
     return [by_sentence[c.sentence] for c in candidates]
 
 
-def test_a_delay_and_an_offset_of_the_reference_are_parted_by_a_tape(recording):
-    """Exactly degenerate: only what does not go through the reference instrument tells them apart."""
+def test_a_delay_and_an_offset_of_the_reference_are_separated_by_a_tape(recording):
+    """Exactly degenerate: only what does not go through the reference instrument separates them."""
     truth = true(recording, 'delay_offset', delay=0.03)
     other = rival(recording, truth, 'reference_offset', offset=-0.005)
     found = ranked(Fitting(recording), truth, [other])
@@ -91,8 +91,8 @@ def test_a_delay_and_an_offset_of_the_reference_are_parted_by_a_tape(recording):
     assert max(separations(recording, truth, other, *useless)) < 0.1
 
 
-def test_air_and_scale_of_the_reference_are_parted_by_a_second_instrument(recording):
-    """Both go with the distance; 15 m is too short to tell, and 1.5 times the longest distance is no other distance."""
+def test_air_and_scale_of_the_reference_are_separated_by_a_second_instrument(recording):
+    """Both go with the distance; 15 m is too short, and 1.5 times the longest distance is no other distance."""
     truth = true(recording, 'air_refractivity', offset=20.0)
     other = rival(recording, truth, 'reference_scale', scale=-20.0)
     best = ranked(Fitting(recording), truth, [other])[0]
@@ -100,7 +100,7 @@ def test_air_and_scale_of_the_reference_are_parted_by_a_second_instrument(record
     assert max(separations(recording, truth, other, Baseline(15.0), FurtherAway(), MoreSweeps())) < 1.0
 
 
-def test_references_of_either_station_are_parted_by_a_counter_or_another_station(recording):
+def test_references_of_either_station_are_separated_by_a_counter_or_another_station(recording):
     """The IF knows the difference of the references only."""
     truth = true(recording, 'reference_clock_offset', 'master', deviation=0.2)
     other = rival(recording, truth, 'reference_clock_offset', 'slave', deviation=-0.2)
@@ -112,14 +112,14 @@ def test_references_of_either_station_are_parted_by_a_counter_or_another_station
     assert longer < 0.5 and instrument < ROOT
 
 
-def test_synthesisers_of_either_station_are_parted_by_another_station(recording):
+def test_synthesisers_of_either_station_are_separated_by_another_station(recording):
     truth = true(recording, 'sweep_ripple', 'slave', deviation=60.0, rate=7000.0, phase=1.0)
     other = rival(recording, truth, 'sweep_ripple', 'master', deviation=60.0, rate=7000.0, phase=1.0 - np.pi)
     assert separations(recording, truth, other, Exchanged('master'))[0] > SEPARATION.separable
     assert separations(recording, truth, other, Repeated('as before'))[0] < 0.5 * SEPARATION.separable
 
 
-def test_warming_and_ageing_of_a_clock_are_parted_by_heat_and_by_counters(warming):
+def test_warming_and_ageing_of_a_clock_are_separated_by_heat_and_by_counters(warming):
     """Time and temperature run together in the recording, and nowhere else."""
     truth = true(warming, 'reference_clock_temperature', 'master', slope=0.02)
     other = rival(warming, truth, 'reference_clock_drift', 'master', rate=1.0)
@@ -136,7 +136,7 @@ def test_warming_and_ageing_of_a_clock_are_parted_by_heat_and_by_counters(warmin
     assert longer < 1.0
 
 
-def test_delays_of_either_board_are_parted_by_heating_one(warming):
+def test_delays_of_either_board_are_separated_by_heating_one(warming):
     truth = true(warming, 'delay_temperature', 'master', slope=10.0)
     other = rival(warming, truth, 'delay_temperature', 'slave', slope=10.0)
     one, both, counter = separations(
@@ -151,7 +151,7 @@ def test_delays_of_either_board_are_parted_by_heating_one(warming):
     assert both < 0.1 and counter < ROOT
 
 
-def test_noise_of_receivers_and_of_oscillators_is_parted_without_a_signal(recording):
+def test_noise_of_receivers_and_of_oscillators_is_separated_without_a_signal(recording):
     """At a level where both raise the noise alike: the floor stays when the antenna is off, the skirts do not."""
     truth = true(recording, 'noise_floor', 'master', excess=1.0)
     level = recording.data.calibration[0].phase_noise_level + 1.0
@@ -236,7 +236,7 @@ def test_without_a_reference_nothing_is_compared_with_it():
     data = read_dataset(DATA / 'recording_0')
     nothing = np.full(len(data), np.nan)
     alone = dataclasses.replace(data, reference=nothing, reference_std=nothing)
-    alone.__dict__['distance'] = data.distance  # what the lines tell, without the time that takes
+    alone.__dict__['distance'] = data.distance  # what the lines would show, without the time that takes
     comparison = Comparison(alone, np.arange(96))
     assert SecondInstrument().view(comparison, 5) is None and DrivePast().view(comparison, 5) is None
     view = Repeated('as before').view(comparison, 5)
@@ -245,7 +245,7 @@ def test_without_a_reference_nothing_is_compared_with_it():
 
 
 def test_one_stations_samples_are_enough():
-    """Station 1 alone takes an error of T_off for a distance; a counter still tells its ADC clock from a delay."""
+    """Station 1 alone takes an error of T_off for a distance; a counter still separates its ADC clock from a delay."""
     data = read_dataset(DATA / 'recording_0')
     comparison = Comparison(dataclasses.replace(data, samples=(data.samples[0], None)))
     truth = true(comparison, 'sample_clock_offset', 'master', deviation=10.0)
@@ -266,7 +266,7 @@ def test_simulated_sweeps_scatter_as_they_are_said_to(recording):
 
 
 def test_a_driving_crane_is_measured_standing():
-    """The drive's own sweeps tell noise and settings; further ones are made at its distances, one group at each."""
+    """The drive's own sweeps give noise and settings; further ones are made at its distances, one group at each."""
     comparison = Comparison(read_dataset(DATA / 'recording_5'))
     made = Repeated('as before').view(comparison, 4).comparison
     assert len(made.members) == 4 and made.standing.all()

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, nearest, read_yaml
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.progress import Progress
 
 from . import report
 from .offline import RecordingReplay, Replay
@@ -153,7 +154,7 @@ def _with_progress(engine: RecordingReplay, message_count: int) -> Replay:
         TimeRemainingColumn(),
     )
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console) as progress:
         task = progress.add_task('replaying', total=message_count)
         return engine.run(lambda count: progress.update(task, completed=count))
 

@@ -132,7 +132,7 @@ def test_movement_is_corrected():
 @pytest.mark.skipif(not REAL.exists(), reason='real recordings are not in the repository')
 @pytest.mark.parametrize('name', ['gmr_cableCorto_226_260', 'gmr_cableCorto_230_255'])
 def test_real_radar_on_a_cable_of_100_ns(name):
-    """One station that hears itself, without reference or weather: the delay is told, and what is missing."""
+    """One station that hears itself, without reference or weather: the report states the delay and what is missing."""
     status, out, err = run('replay', REAL / name, '--json', '-')
     assert status == 0
     assert [row['delay'] for row in json.loads(out)] == [pytest.approx(100e-9, abs=1e-9)]
@@ -270,7 +270,7 @@ def test_one_station_alone_gives_no_range(refused_here):
     assert 'no range could be computed from 336 sweeps' in refused_here(STANDING, '--station', 'master')
 
 
-def test_info_tells_what_is_there():
+def test_info_lists_what_is_there():
     status, out, err = run('info', STANDING, '--json')
     assert (status, err) == (0, '')
     found = json.loads(out)

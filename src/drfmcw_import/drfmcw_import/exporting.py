@@ -46,7 +46,7 @@ def export(recording: str, out: Path, station: str | None = None) -> int:
     """Write the sweeps of a recording into a file; return their number.
 
     Raises:
-        ConfigurationError: unknown suffix or station, an unreadable recording, a missing library, or no place to write.
+        ConfigurationError: unknown suffix or station, an unreadable recording, missing library or unwritable target.
     """
     if out.suffix not in _WRITERS:
         raise ConfigurationError(f"{out}: '{out.suffix}' is no format of export{nearest(out.suffix, list(_WRITERS))}")
@@ -58,7 +58,7 @@ def export(recording: str, out: Path, station: str | None = None) -> int:
 
 
 def _atomically(out: Path, write: Callable[[IO[bytes]], int]) -> int:
-    """Write a file under a temporary name beside its place, and rename it when it is complete."""
+    """Write a file under a temporary name in the same folder, and rename it when it is complete."""
     partial = None
     try:
         with tempfile.NamedTemporaryFile(dir=out.parent, prefix=f'.{out.name}.', delete=False) as file:

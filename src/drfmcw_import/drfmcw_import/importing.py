@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress, TextColumn, TimeElapsedColumn
+from rich.progress import TextColumn, TimeElapsedColumn
 
 from drfmcw_ros.bag.files import STORAGES
 from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.progress import Progress
 
 from .convert.recording import Imported, Importer, read_settings
 
@@ -40,7 +41,7 @@ def _run(arguments: argparse.Namespace) -> None:
     settings, kind, stated = read_settings(arguments.settings, arguments.files)
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), TextColumn('{task.completed} sweeps'), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task('importing', total=None)
         imported = Importer(settings, kind).run(
             arguments.files,

@@ -168,9 +168,9 @@ def rate(records: Sequence[Record], is_so: Callable[[Record], bool]) -> Rate:
 # --- detection ---
 
 
-def threshold(places: int, rate_: float = 0.01) -> float:
+def threshold(positions: int, rate_: float = 0.01) -> float:
     """Return the threshold of a matched filter of either sign over so many grid points, at a false-alarm rate."""
-    return float(stats.norm.isf(0.5 * rate_ / places))
+    return float(stats.norm.isf(0.5 * rate_ / positions))
 
 
 def theoretical_power(d: np.ndarray, threshold_: float) -> np.ndarray:
@@ -178,7 +178,7 @@ def theoretical_power(d: np.ndarray, threshold_: float) -> np.ndarray:
     return stats.norm.sf(threshold_ - d) + stats.norm.cdf(-threshold_ - d)
 
 
-def places(records: Sequence[Record]) -> int:
+def positions_searched(records: Sequence[Record]) -> int:
     """Return how many positions a search tries; the prototype's if no finding states it."""
     stated = [r['finding']['places'] for r in records if r['finding'] and r['finding'].get('places')]
     return int(np.median(stated)) if stated else _PROTOTYPE_PLACES
@@ -240,7 +240,7 @@ def _of_rate(what: str, goal: str, found: Rate, low: float = 0.0, high: float = 
 
 
 def _detection(records: Sequence[Record]) -> Goal:
-    tried = places(records)
+    tried = positions_searched(records)
     to_90 = float(stats.norm.ppf(0.9))
     theory = threshold(tried) + to_90
     what, goal = 'd for 90 % detection', f'<= {1.1 * theory:.2f} (1.1 of theory at {tried} positions, {theory:.2f})'

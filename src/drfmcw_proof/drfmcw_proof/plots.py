@@ -114,9 +114,9 @@ def _power(records: Sequence[Record]) -> Figure | None:
         return None
     figure, axes = _axes()
     d = np.linspace(0.0, _SHOWN, 301)
-    places = figures.places(records)
-    theory = figures.theoretical_power(d, figures.threshold(places))
-    axes.plot(d, theory, color=_GREY, label=f'matched filter, 1 % over {places} positions')
+    positions = figures.positions_searched(records)
+    theory = figures.theoretical_power(d, figures.threshold(positions))
+    axes.plot(d, theory, color=_GREY, label=f'matched filter, 1 % over {positions} positions')
     measured = figures.measured_threshold(records)
     if measured is not None:
         axes.plot(d, figures.theoretical_power(d, measured[0]), '--', color=_BLUE, label='fitted to all cases')

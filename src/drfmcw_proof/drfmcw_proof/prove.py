@@ -19,12 +19,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.processes import Worker, WorkFailed
+from drfmcw_ros.progress import Progress
 from drfmcw_ros.versions import versions
 
 from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
@@ -60,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
         '--times', type=int, metavar='N', help='a list with N times as many of each kind; each N takes some hours'
     )
     result.add_argument('--groups', metavar='LIST', help=f'only these: {",".join(GROUPS)}')
-    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='at once (default: all cores)')
+    result.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N', help='processes (default: all cores)')
     result.add_argument('--seed', type=int, default=1, metavar='S', help='of all random numbers (1)')
     result.add_argument('--force', action='store_true', help='discard results of other settings or another version')
     result.add_argument('--keep', action='store_true', help='keep the recordings after their judgement')
@@ -363,7 +364,7 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
     with Results(out, settings, arguments.force) as results:
         missing = [plan for plan in selected if results.record(plan.name) is None]
         columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        with Progress(*columns, console=console) as bar:
             task = bar.add_task('recordings', total=len(selected), completed=len(selected) - len(missing))
             tries = _Tries(results, bar.console, arguments.keep)
             try:

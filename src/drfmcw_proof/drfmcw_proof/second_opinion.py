@@ -35,7 +35,7 @@ def apart(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> l
 
 
 def separated(condition: Condition, truth: Effects, finding: Mapping[str, Any]) -> list[float | None] | None:
-    """Return by how much the recommended measurement, carried out, parts the truth from each explanation.
+    """Return by how much the recommended measurement, when carried out, separates the truth from each explanation.
 
     As `apart`; None altogether where nothing is recommended, or nothing that the generator can make.
     """
@@ -75,17 +75,17 @@ def _nearest(to_truth: Callable[[Effects], float], explanation: Effects, found: 
     The explanation was fitted to the noise too: by so much its data differ even where it acts as the truth does.
     Differences over the stated standard deviations give slopes and curvatures, of every two parameters together.
     """
-    places = [
+    entries = [
         (number, name)
         for number, effect in enumerate(explanation)
         for name, stated in effect['parameters'].items()
         if stated['std'] and '[' not in name  # values per setting are many
     ]
-    count = len(places)
+    count = len(entries)
 
     def square(moves: np.ndarray) -> float:
         there = [{**e, 'parameters': dict(e['parameters'])} for e in explanation]
-        for (number, name), move in zip(places, moves, strict=True):
+        for (number, name), move in zip(entries, moves, strict=True):
             stated = explanation[number]['parameters'][name]
             there[number]['parameters'][name] = {**stated, 'value': stated['value'] + move * stated['std']}
         return to_truth(there) ** 2

@@ -48,7 +48,7 @@ def test_a_bit_that_sticks_makes_them_uneven(seed, bit, one):
 
 
 @pytest.mark.parametrize('width', [1, 3, 12])
-def test_missing_codes_are_told_where_they_are(width):
+def test_missing_codes_are_located(width):
     codes = sampled(3)
     codes[(codes >= 50) & (codes < 50 + width)] = 50 + width
     found = evenness(codes, NOISE)
@@ -57,7 +57,7 @@ def test_missing_codes_are_told_where_they_are(width):
 
 
 def test_a_recordings_stuck_bit_has_a_place(tmp_path):
-    """A low bit adds little more than noise and a constant, which effects of the registry could explain: codes tell."""
+    """A low bit adds little but noise and a constant, which registered effects could explain. The codes show it."""
     condition = random_condition(np.random.default_rng(7), Extent(7, 12))
     stuck = Applied('stuck_bit', 'slave', {'bit': 2, 'value': 1})
     write_recording(conceal(nominal(condition), [stuck]), tmp_path / 'r')
@@ -85,6 +85,6 @@ def test_only_a_limiter_piles_samples_up(seed, amplitude):
     np.testing.assert_array_equal(piled(both), piled(codes[:100]) + piled(codes[100:]))
 
 
-def test_too_little_noise_or_too_few_counts_tell_nothing():
+def test_too_little_noise_or_too_few_counts_show_nothing():
     assert evenness(sampled(5, noise=1.0), 1.0) is None
     assert evenness(sampled(6, count=2000), NOISE) is None

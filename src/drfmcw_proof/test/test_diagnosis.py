@@ -143,7 +143,7 @@ def test_a_spur_beside_a_line_leaves_the_mean_ramp():
 
 
 @pytest.mark.parametrize('station', ['master', 'slave'])
-def test_coherence_tells_whose_oscillator_is_the_noisier(tmp_path, station):
+def test_coherence_shows_whose_oscillator_is_the_noisier(tmp_path, station):
     """Of two explanations that raise the same skirts by 3 dB only that with the right station fits both lines' noise.
 
     Under it 56 numbers are noise (5 standard deviations: false failure below 1e-6); the other is 10 sigma behind.
@@ -217,8 +217,8 @@ def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
     assert (effect['effect'], effect['station']) == ('sweep_ripple', 'slave')
     for name, expected in truth.parameters.items():
         if name in ('deviation', 'rate'):
-            told = effect['parameters'][name]
-            assert abs(abs(told['value']) - expected) < 4 * told['std']
+            found = effect['parameters'][name]
+            assert abs(abs(found['value']) - expected) < 4 * found['std']
     assert finding['fit']['held_out']['after'] < 1.08 < finding['fit']['held_out']['before']
     assert finding['locations'][0]['level'] == 'if_samples' and finding['locations'][0]['axis'] == 'ramp_time'
     assert (out / 'refined.yaml').exists() and '</html>' in (out / 'report.html').read_text(encoding='utf-8')

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from checkout import practice_recording
 from scipy import special, stats
-from scipy.integrate import cumulative_simpson
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 import drfmcw_proof
 from drfmcw_diagnosis.next.ranking import measurements
@@ -300,7 +300,7 @@ def test_sweep_shapes_are_integrals_of_the_frequency_error(effect, station):
     scene, before = with_effect(c, effect, c.names[station], **parameters)
     rows = np.array([0, 5, 11])
     t = np.linspace(0.0, 1e-3, 200_001)
-    phase = 2.0 * math.pi * cumulative_simpson(error(t), x=t, initial=0.0)
+    phase = 2.0 * math.pi * cumulative_trapezoid(error(t), t, initial=0.0)
     u = np.arange(2048) / 2.048e6
     own = phase_change(scene, before, station, rows)
     expected = np.broadcast_to(np.interp(u, t, phase), own.shape)
@@ -576,7 +576,7 @@ def test_line_of_unknown_phase_counts_as_its_best_detector_sees_it(energy):
     rho = math.sqrt(energy)
     x = np.linspace(0.0, rho + 12.0, 20_001)
     gain = np.log(special.i0e(rho * x)) + rho * x - 0.5 * energy
-    divergence = np.trapezoid(stats.rice.pdf(x, rho) * gain, x)
+    divergence = trapezoid(stats.rice.pdf(x, rho) * gain, x)
     c = silent_pair(16)
     for frequency in (2.5e5, 2.505e5, 6.1803e5):
         size = sizes.matched_size(c, [line(c, energy, frequency)])
@@ -645,7 +645,7 @@ def test_bursts_pay_for_the_places_where_they_could_be():
     assert sizes.separation(c, [weak], [strong]) == pytest.approx(alone[1] - alone[0], rel=1e-6)
 
 
-def test_filters_nearly_alike_are_not_told_apart():
+def test_filters_nearly_alike_are_not_separated():
     """Poles a per cent apart; their answers to a chirp's edge, where there is no line, count for nothing."""
     c = condition((40.0, 200.0), 16)
     one, other = (Applied('if_filter', 'slave', {'pole': pole}) for pole in (3.75e6, 3.79e6))
@@ -695,7 +695,7 @@ def test_size_of_an_effect_does_not_count_what_is_there_already():
 # --- recordings and seals ---
 
 
-def test_a_seal_tells_tampering(tmp_path):
+def test_a_seal_shows_tampering(tmp_path):
     seal = recordings.seal({'effects': [], 'x': 1.5}, tmp_path / 'truth.json')
     assert seal.sha256 == hashlib.sha256(seal.path.read_bytes()).hexdigest()
     assert recordings.open_seal(seal) == {'effects': [], 'x': 1.5}
@@ -750,7 +750,7 @@ def test_ambiguous_cases_change_the_data_as_their_rivals_do():
             assert left.total < 0.1
 
 
-def test_an_effect_left_out_is_told_to_the_tool_and_only_twins_may_take_its_place():
+def test_the_tool_knows_an_effect_left_out_and_only_twins_may_replace_it():
     for number, effect in enumerate(effects.REGISTERED):
         plan = cases._left_out('x', np.random.default_rng(number), effect, 20.0, draws.Extent(4, 4))
         assert plan.without == (effect,) and plan.wanted[-1].template.effect == effect
@@ -780,7 +780,7 @@ NOT_MADE = ('phase noise of each', 'Terminate', 'Drive the crane', 'second T_off
 
 
 def test_recommended_measurements_are_carried_out_or_said_not_to_be():
-    """What each should tell apart and what not, where a number follows by hand."""
+    """What each should separate and what not, where a number follows by hand."""
     c = draws.random_condition(np.random.default_rng(3), draws.Extent(6, 8))
     pairs = {
         'distance': (
@@ -792,14 +792,14 @@ def test_recommended_measurements_are_carried_out_or_said_not_to_be():
         ),
         'board': tuple(Applied('delay_temperature', s, {'slope': 5.0}) for s in ('master', 'slave')),
     }
-    told = {}
+    separations = {}
     for measurement in measurements(('master', 'slave')):
         made = carried_out(measurement.sentence, c)
         assert (made is None) == any(words in measurement.sentence for words in NOT_MADE), measurement.sentence
         if made is not None:
-            told[measurement.sentence] = {name: made([one], [other]) for name, (one, other) in pairs.items()}
+            separations[measurement.sentence] = {name: made([one], [other]) for name, (one, other) in pairs.items()}
             assert made([pairs['clock'][0]], [pairs['clock'][0]]) == pytest.approx(0.0, abs=1e-6)
-    for sentence, sigma in told.items():
+    for sentence, sigma in separations.items():
         counted = 'reference oscillator' in sentence or 'ADC clock' in sentence
         if counted:  # 0.1 ppm on either, to 0.01 ppm; nothing of distances
             assert sigma == pytest.approx({'distance': 0.0, 'clock': math.sqrt(2.0) * 10.0, 'board': 0.0}, abs=0.01)
@@ -812,21 +812,21 @@ def test_recommended_measurements_are_carried_out_or_said_not_to_be():
         elif 'Repeat' in sentence or 'as many' in sentence:  # degenerate, as often as it is repeated
             assert sigma['distance'] < 0.1
             assert (sigma['clock'] > 4.0) == ('another calibrated station' in sentence)
-    (heated,) = (s for sentence, s in told.items() if 'board of master heated' in sentence)
-    (still,) = (s for sentence, s in told.items() if 'braked' in sentence)
+    (heated,) = (s for sentence, s in separations.items() if 'board of master heated' in sentence)
+    (still,) = (s for sentence, s in separations.items() if 'braked' in sentence)
     assert heated['board'] > still['board']
 
 
 def test_a_case_is_sealed_before_it_is_recorded_and_has_the_same_bytes_again(tmp_path):
     plan = cases.plans('quick', 3)[4]
     plan = dataclasses.replace(plan, condition=dataclasses.replace(plan.condition, sweeps=2))
-    told = []
+    seals = []
 
     def announce(case, seal):
-        told.append((seal.sha256, (tmp_path / 'a' / case.name).exists()))
+        seals.append((seal.sha256, (tmp_path / 'a' / case.name).exists()))
 
     path, seal = cases.conceal_case(plan, tmp_path / 'a', tmp_path / 'truths', announce)
-    assert told == [(seal.sha256, False)]
+    assert seals == [(seal.sha256, False)]
     truth = recordings.open_seal(seal)
     assert truth['effects'][0]['effect'] == plan.kind
     assert truth['effects'][0]['d']['total'] == pytest.approx(16.0, rel=0.03)
@@ -898,16 +898,16 @@ def test_practice_recordings_are_reproduced(number):
     velocity, start = np.polyfit(after, reading.T, 1)
     moving = ANSWERS[number] == 'motion'
 
-    def told(topic, field):
+    def reported(topic, field):
         return tuple(float(getattr(m, field)) for m in messages[topic])
 
     c = Condition(
         seed=number,
         distances=tuple(float(r) for r in (start if moving else reading.mean(axis=1))),
-        air_temperature=told('/site/temperature', 'temperature'),
-        air_pressure=told('/site/pressure', 'fluid_pressure'),
-        air_humidity=told('/site/humidity', 'relative_humidity'),
-        board_temperature=(told('/master/status', 'temperature'), told('/slave/status', 'temperature')),
+        air_temperature=reported('/site/temperature', 'temperature'),
+        air_pressure=reported('/site/pressure', 'fluid_pressure'),
+        air_humidity=reported('/site/humidity', 'relative_humidity'),
+        board_temperature=(reported('/master/status', 'temperature'), reported('/slave/status', 'temperature')),
     )
     concealed = [Applied('target_motion', None, {'velocity': list(velocity)})] if moving else ANSWERS[number]
     ours = generator.render(conceal(nominal(c), concealed))

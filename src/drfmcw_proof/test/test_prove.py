@@ -103,7 +103,7 @@ NULL = {'verdicts': ('consistent',), 'tolerated': ('phase_noise',), 'levels': ('
         (truth(DELAY, **TWINS), finding('ambiguous', found(OFFSET), alternatives=[found(DELAY)]), 'right'),
         (truth(DELAY, **TWINS), finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]), 'wrong'),
         (truth(DELAY, **TWINS), finding('explained', found(OFFSET)), 'wrong'),
-        # what the data hardly tell may be told
+        # what the data hardly determine may be stated
         (
             truth(DELAY, verdicts=('explained', 'ambiguous'), rivals=(OFFSET,)),
             finding('ambiguous', found(DELAY), alternatives=[found(SPUR)]),
@@ -173,7 +173,7 @@ def test_judgement(sealed, said, outcome):
         ),
     ],
 )
-def test_what_the_data_cannot_tell_apart_is_judged_by_the_generator(sealed, said, apart, outcome):
+def test_what_the_data_cannot_separate_is_judged_by_the_generator(sealed, said, apart, outcome):
     assert judge(sealed, said, apart).outcome == outcome
 
 
@@ -208,7 +208,7 @@ def test_second_opinion_takes_findings_as_the_tool_writes_them():
     assert apart(condition, truth(DELAY)['effects'], finding('consistent')) == []
 
 
-def test_pulls_count_errors_in_stated_deviations():
+def test_pulls_count_errors_in_standard_deviations():
     pulls = judge(truth(SPUR), finding('explained', found(SPUR, factor=1.001, std=40.0))).pulls
     assert {p.parameter: p.pull for p in pulls} == pytest.approx({'frequency': 5.0, 'level': -0.002})
 
@@ -373,7 +373,7 @@ def rendered(folder, records, run=RUN):
     return text
 
 
-def test_report_tells_numbers_and_every_failure(tmp_path):
+def test_report_lists_numbers_and_every_failure(tmp_path):
     text = rendered(tmp_path, RECORDS)
     for words in (
         RUN.command,
@@ -399,7 +399,7 @@ def test_report_of_any_one_case_renders(tmp_path, only):
     assert '1 of the 4624 cases' in text
 
 
-def test_a_whole_list_is_told_as_such(tmp_path):
+def test_a_whole_list_is_reported_as_such(tmp_path):
     whole = dataclasses.replace(RUN, listed=len(RECORDS))
     text = rendered(tmp_path, RECORDS, whole)
     assert f'all {len(RECORDS)} cases of the list (full)' in text and 'not been made' not in text
@@ -418,13 +418,13 @@ def test_a_run_in_which_the_code_changed_says_so(tmp_path):
 
 
 def test_figures_stand_beside_their_goals():
-    told = {goal.what: goal for goal in goals(RECORDS)}
-    assert told['false alarms at 1 %, wrong noise included'].measured == '50% (1 of 2)'
-    assert told['which station, named, d >= 8, separable'].measured == '50% (1 of 2)'  # 2 is right, 7 is not
-    assert told['pairs, both d >= 12, exact'].measured == '100% (1 of 1)'
-    assert told['recommended measurements that decide, carried out'].measured == '100% (1 of 1)'
-    assert told['pairs, both d >= 50, exact'].measured == '0% (0 of 1)'
-    assert told['held-out misfit per degree of freedom where explained'].met == 'yes'
+    stated = {goal.what: goal for goal in goals(RECORDS)}
+    assert stated['false alarms at 1 %, wrong noise included'].measured == '50% (1 of 2)'
+    assert stated['which station, named, d >= 8, separable'].measured == '50% (1 of 2)'  # 2 is right, 7 is not
+    assert stated['pairs, both d >= 12, exact'].measured == '100% (1 of 1)'
+    assert stated['recommended measurements that decide, carried out'].measured == '100% (1 of 1)'
+    assert stated['pairs, both d >= 50, exact'].measured == '0% (0 of 1)'
+    assert stated['held-out misfit per degree of freedom where explained'].met == 'yes'
     # a station is not the name; a part of the truth is no wrong name; an effect that is not there is
     assert [is_named(RECORDS[n]) for n in (2, 3, 6, 7)] == [True, False, False, True]
     assert [n for n, r in enumerate(RECORDS) if is_wrong_name(r)] == [3, 14]
@@ -438,8 +438,8 @@ def test_imitated_cases_are_shown_and_left_out_of_the_rate(tmp_path):
     assert cells[:2] == ['outside', '2'] and cells[2 + OUTCOMES.index('imitated')] == '1'
     assert cells[-1].startswith('100%')
     assert '| phase_jump | 12 | 1 of 1: 100% (2.5% to 100%) | 1 imitated |' in text
-    told = {goal.what: goal for goal in goals(RECORDS)}
-    assert told['outside the registry, d >= 10, unexplained, not imitated'].measured == '100% (1 of 1)'
+    stated = {goal.what: goal for goal in goals(RECORDS)}
+    assert stated['outside the registry, d >= 10, unexplained, not imitated'].measured == '100% (1 of 1)'
     assert '3.2 sigma from the truth, not separable' in text
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drfmcw_diagnosis.compare.comparison import Comparison
-from drfmcw_diagnosis.features.extractor import BURST
+from drfmcw_diagnosis.features.limits import SPECTRUM
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
@@ -52,7 +52,7 @@ def test_what_parameters_follow_and_what_is_left_are_orthogonal(seed, parameters
 def test_two_effects_that_nearly_cancel_are_found_together(tmp_path):
     """Alone neither explains half of what both leave; the clock's error is 90 sigma, what both leave 60.
 
-    Searched among what acts on the range alone. The data do not tell an offset of the delay from one of the reference.
+    Searched among what acts on the range alone. The data cannot separate offsets of delay and reference.
     """
     truth = {'delay': 0.2, 'offset': -0.2 * 0.2998, 'deviation': 60.0}
     both = (
@@ -79,7 +79,7 @@ def test_a_crane_that_creeps_moves_within_its_place(tmp_path):
 
 
 def test_a_drives_sway_shows_in_its_range(tmp_path):
-    """From sweep to sweep a drive passes many wavelengths: what it does beyond the reference is told by the range."""
+    """From sweep to sweep a drive passes many wavelengths: the range shows what it does beyond the reference."""
     velocity = (1.1, -0.7, 0.9, 0.6, -1.2, 0.8, -0.9)
     motion = Applied('target_motion', None, {'velocity': velocity})
     sway = Applied('sway', None, {'amplitude': 0.08, 'frequency': 0.7, 'phase': 0.0})
@@ -122,13 +122,13 @@ def test_a_reflection_follows_the_true_distance_and_not_the_reference(tmp_path):
     )
     effects = Effect.registry['ground_reflection'](**reflection), Effect.registry['reference_offset'](**offset)
     numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
-    # 5 standard deviations of some 3000 numbers and 2 % of the deviations told by scatter: false failure below 1e-6
+    # 5 standard deviations of some 3000 numbers, and 2 % as those are estimated from scatter: false failure below 1e-6
     assert chi_square(comparison, 'ramp', *effects) < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
     assert chi_square(comparison, 'ramp', effects[0]) > 1.2
 
 
-def test_what_is_told_of_neither_of_two_effects_makes_four_explanations(tmp_path):
-    """Whose reference is off and whose path is longer: the data tell neither."""
+def test_two_effects_that_cannot_be_separated_from_others_make_four_explanations(tmp_path):
+    """Whose reference is off and whose path is longer: the data determine neither."""
     both = (
         Applied('reference_clock_offset', 'slave', {'deviation': -0.3}),
         Applied('reference_offset', None, {'offset': -0.04}),
@@ -152,10 +152,10 @@ def _place(misfit, step, std):
 
 
 @given(st.floats(0.0, 40.0), st.floats(-20.0, 20.0))
-def test_a_second_place_that_fits_as_well_widens_what_is_told(behind, apart):
+def test_a_second_minimum_that_fits_as_well_widens_the_standard_deviation(behind, apart):
     """Mean squares about the best fit, each place by its likelihood: one that is far behind counts for nothing."""
     best, other = _place(100.0, 5.0, 1.0), _place(100.0 + behind, 5.0 + apart, 1.0)
-    value, std = widened(best, [other]).effects[0].told['step']
+    value, std = widened(best, [other]).effects[0].widened['step']
     share = np.exp(-behind / 2.0)
     assert value == 5.0
     assert std == pytest.approx(np.sqrt(1.0 + share / (1.0 + share) * apart**2))
@@ -163,10 +163,10 @@ def test_a_second_place_that_fits_as_well_widens_what_is_told(behind, apart):
 
 
 def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
-    """No span of most sweeps holds twice the usual power; what they do to the spread of powers tells them."""
+    """No span of most sweeps holds twice the usual power; the spread of powers shows them."""
     burst = {'probability': 0.3, 'level': -60.0, 'duration': 1.2e-4}
     comparison = compared(tmp_path / 'r', 38, Applied('interference_burst', 'slave', burst), settings=14, sweeps=24)
-    loud = [np.any(s.quiet[:, 1] > BURST * np.median(s.quiet[:, 1]), axis=1) for s in comparison.sweeps]
+    loud = [np.any(s.quiet[:, 1] > SPECTRUM.burst * np.median(s.quiet[:, 1]), axis=1) for s in comparison.sweeps]
     assert np.mean(np.concatenate(loud)) < 0.5 * burst['probability']
     known = {'interference_burst', 'noise_floor'}
     found = searched(Search(comparison, without=set(Effect.registry) - known), 0.01).explanation
@@ -186,7 +186,7 @@ def test_what_clipping_does_to_strong_sweeps_is_no_burst(tmp_path):
 
 
 def test_few_sweeps_make_no_mismatch(tmp_path):
-    """Six sweeps a place tell their own scatter badly; what is compared by it is noise all the same."""
+    """Six sweeps per distance determine their scatter badly; what is compared by it still looks like noise."""
     squares = {'mean': [], 'harmonic': [], 'coherence': [], 'burst': []}
     for seed in range(40, 48):
         comparison = compared(tmp_path / f'r{seed}', seed, settings=14, sweeps=6)

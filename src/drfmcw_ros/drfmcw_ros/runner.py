@@ -71,13 +71,13 @@ class Failures:
         self.last = ''  # its text and where it was raised
 
     def add(self, error: BaseException) -> None:
-        """Count an exception and keep its text and place."""
+        """Count an exception and keep its text and location."""
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if 'drfmcw' in frame.filename] or frames
-        place = f'{own[-1].filename.rpartition("/")[2]}:{own[-1].lineno} in {own[-1].name}' if own else 'unknown place'
+        where = f'{own[-1].filename.rpartition("/")[2]}:{own[-1].lineno} in {own[-1].name}' if own else 'unknown'
         text = ' '.join(str(error).split())[:200]
         self.count += 1
-        self.last = f'{type(error).__name__}: {text} ({place})'
+        self.last = f'{type(error).__name__}: {text} ({where})'
 
 
 _FAILURES: weakref.WeakKeyDictionary[Node, Failures] = weakref.WeakKeyDictionary()

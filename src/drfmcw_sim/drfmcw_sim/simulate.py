@@ -6,9 +6,10 @@ import sys
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.progress import Progress
 
 from .recording import write_recording
 from .scenario import read_scenario
@@ -63,7 +64,7 @@ def _render(arguments: argparse.Namespace) -> None:
         jobs = len(os.sched_getaffinity(0)) if sweep_count > _WORTH_PROCESSES else 1
     console = Console(stderr=True)
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task('sweep pairs', total=sweep_count)
         count = write_recording(
             scenario,

@@ -163,6 +163,7 @@ class Simulator(Node):
         self._finished = threading.Event()
         self._failure: BaseException | None = None
         self._state = 'waiting for subscribers'
+        self._anchor = (0.0, 0)  # a moment of the machine's clock [s] and the stamp that was due then [ns]
         self._lag = 0.0
         self._acknowledgements = Acknowledgements(list(self.scenario.stations))
         if settings.pace == 'subscribers':

@@ -940,7 +940,7 @@ def references(effects, trajectory):
     return slots.time, np.array(readings), slots.distance
 
 
-def test_reference_tells_where_the_crane_was():
+def test_reference_shows_where_the_crane_was():
     """R(t - lag): v lag too little at even speed, nothing while it stands, also before the start."""
     drive = {'drive': {'waypoints': [50, 80], 'speed': 2.0, 'acceleration': 1.0, 'dwell': 1.0}}
     time, readings, distance = references([{'effect': 'reference_lag', 'lag': 0.3}], drive)
@@ -988,7 +988,7 @@ def test_ramp_shapes_recorded_by_another_hand(recording, entries):
     """The IF phase's shape in a recording is that of the effect that the recording conceals, times one.
 
     24 sweeps at each of four distances, both stations; a shape is found to 1 %, mostly by how the analytic signal
-    of a real record bends at its ends; within 4 %. The ripple's phase is not told: two quadratures.
+    of a real record bends at its ends; within 4 %. The ripple's phase is unknown: two quadratures.
     """
     bag = pytest.importorskip('drfmcw_ros.bag.files')
     station = {2: 'master', 6: 'slave'}[recording]

@@ -88,7 +88,7 @@ def test_interrupted_rendering_leaves_nothing(tmp_path):
     wait_for(lambda: not any(Path(f'/proc/{p}').exists() for p in (*children, *workers)))
 
 
-def test_killed_rendering_process_is_told_in_one_line(tmp_path):
+def test_killed_rendering_process_is_reported_in_one_line(tmp_path):
     """As the kernel does when memory runs out: one line, status 2, nothing half-written."""
     process, _, workers = start(tmp_path, '--jobs', '2')
     os.kill(workers[0], signal.SIGKILL)

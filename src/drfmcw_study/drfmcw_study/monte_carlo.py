@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from drfmcw_physics.settings import ConfigurationError, read_yaml
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.config_files import find_config
+from drfmcw_ros.progress import Progress
 
 from . import summary
 from .points import grid, try_point, values_of
@@ -122,7 +123,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _work(results: ResultDirectory, arguments: argparse.Namespace, messages: Console) -> None:
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
-    with Progress(*columns, console=messages, transient=True, disable=not messages.is_terminal) as bar:
+    with Progress(*columns, console=messages) as bar:
         task = bar.add_task('trials', total=results.study.total)
         run(
             results,

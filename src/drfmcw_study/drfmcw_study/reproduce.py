@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.progress import Progress
 
 from .paper import claims, figures
 from .paper.catalogue import SECTIONS
@@ -109,7 +110,7 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     console = Console(stderr=True)
     points = [point for section in options.sections for point in section.points]
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task('sweep pairs', total=len(points) * options.run.trials)
         outcomes = simulate_all(points, options.run, options.jobs, lambda done: bar.update(task, completed=done))
     finished: list[tuple[Section, Finished]] = []

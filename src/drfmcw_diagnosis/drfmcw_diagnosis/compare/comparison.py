@@ -72,7 +72,7 @@ class Comparison:
 
     @functools.cached_property
     def codes(self) -> tuple[Codes | None, ...]:
-        """How uneven the ADC codes of each station with samples are, None where that is not told."""
+        """How uneven the ADC codes of each station with samples are, None where the samples do not show it."""
         rows = np.concatenate(self.members)
         # the least noise, and not what an uneven converter adds to it
         noise = np.fmin(self.measured.noise, self.plain.noise)

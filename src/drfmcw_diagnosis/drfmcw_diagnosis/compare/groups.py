@@ -60,7 +60,7 @@ class Groups(Mapping[str, np.ndarray]):
 class Part:
     """The groups of one setting of the sweep."""
 
-    groups: np.ndarray  # their places among all
+    groups: np.ndarray  # their numbers among all groups
     local: list[np.ndarray]  # rows of `all` of each
     all: Measurements  # nominal, one per sweep
     steady: Measurements  # nominal, one per group under its mean conditions

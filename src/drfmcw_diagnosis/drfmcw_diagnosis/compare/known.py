@@ -70,7 +70,7 @@ class Known:
         skirts = all(np.isfinite(c.phase_noise_level + c.phase_noise_corner) for c in self._data.calibration)
         return np.array([skirts and not self._data.noise_measured[i] for i in self._heard])
 
-    def untold(self) -> tuple[str, ...]:
+    def undetermined(self) -> tuple[str, ...]:
         """Return what these samples cannot determine, in sentences."""
         said = []
         if self._alone:

@@ -53,7 +53,7 @@ class Evidence:
 
     @functools.cached_property
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Noise in bands [dB of 1 LSB^2 per sample] and its standard deviation, (G, S, BANDS) each."""
+        """Noise in bands [dB of 1 LSB^2 per sample] and its standard deviation, (G, S, N) each."""
         r = self.recorded
         found = [
             r.bands.measured(power, sweeps.line.mean(axis=0), count)

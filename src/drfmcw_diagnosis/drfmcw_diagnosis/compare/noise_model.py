@@ -10,7 +10,7 @@ from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
-from ..features.extractor import BANDS, LINE
+from ..features.limits import SIDEBANDS, SPECTRUM
 from .groups import Part
 from .limits import MODEL, SIMULATION
 from .recorded_sweeps import RecordedSweeps
@@ -49,8 +49,9 @@ class NoiseModel:
                 mean = recorded.sweeps[group].power.mean(axis=0)
                 for station, power in enumerate(mean):
                     at = round(self._lines[group, station] / width)
-                    low, high = max(at - LINE, 0), min(at + LINE + 1, self._bins)
-                    around = np.concatenate([power[max(low - LINE, 0) : low], power[high : high + LINE]])
+                    reach = SPECTRUM.line
+                    low, high = max(at - reach, 0), min(at + reach + 1, self._bins)
+                    around = np.concatenate([power[max(low - reach, 0) : low], power[high : high + reach]])
                     total = np.sum(power[low:high] - np.median(around)) / summed[station]
                     result[group, station] = total / self._powers[group, station]
         return result
@@ -58,7 +59,7 @@ class NoiseModel:
     def predicted(
         self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, BANDS), and the coherence of both.
+        """Return the noise of each group in bands [dB of 1 LSB^2 per sample] (G, S, N), and the coherence of both.
 
         Skirts go with the power that a line has, whatever made it.
 
@@ -69,7 +70,8 @@ class NoiseModel:
             line: of each station (G, S) [Hz].
         """
         rate = state.stations[0].sweep.sample_rate
-        centre = (np.arange(BANDS * SIMULATION.frequencies) + 0.5) * (rate / 2 / (BANDS * SIMULATION.frequencies))
+        count = SPECTRUM.bands * SIMULATION.frequencies
+        centre = (np.arange(count) + 0.5) * (rate / 2 / count)
         oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
         filters = [self._filter(state.stations[i], state, effects) for i in self._topology.heard]
         own = line[..., None]
@@ -87,9 +89,9 @@ class NoiseModel:
             [self._floor(state.stations[i], p[None]) for i, p in zip(self._topology.heard, passed, strict=True)], axis=1
         )
         # a band that a line fills is not compared
-        filled = np.abs(centre - own) < LINE * (rate / 2 / (self._bins - 1))
+        filled = np.abs(centre - own) < SPECTRUM.line * (rate / 2 / (self._bins - 1))
         total = floor + np.where(filled, np.nan, skirts)
-        noise = 10.0 * np.log10(_median(total.reshape(*line.shape, BANDS, SIMULATION.frequencies)))
+        noise = 10.0 * np.log10(_median(total.reshape(*line.shape, SPECTRUM.bands, SIMULATION.frequencies)))
         decisive = (
             int(part.groups[0]),
             *oscillators,
@@ -102,30 +104,30 @@ class NoiseModel:
         return noise, self._known[decisive]
 
     def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
-        """Return to what the noise in bands is trusted (G, S, BANDS) [dB]: less where a skirt rules.
+        """Return to what the noise in bands is trusted (G, S, N) [dB]: less where a skirt rules.
 
         Args:
             part: groups of one setting.
-            noise: of these without effects (G, S, BANDS) [dB of 1 LSB^2 per sample].
+            noise: of these without effects (G, S, N) [dB of 1 LSB^2 per sample].
         """
         limit: np.ndarray = MODEL.floor + MODEL.skirt * self.skirt_share(part, noise)
         return limit
 
     def skirt_share(self, part: Part, noise: np.ndarray) -> np.ndarray:
-        """Return the share of the oscillators' skirts in the noise in bands (G, S, BANDS); arguments as `limit`."""
+        """Return the share of the oscillators' skirts in the noise in bands (G, S, N); arguments as `limit`."""
         floor = np.stack([self._floor(part.steady.stations[i], np.ones((1, 1))) for i in self._topology.heard], axis=1)
         share: np.ndarray = np.clip(1.0 - floor / 10.0 ** (noise / 10.0), 0.0, 1.0)
         return share
 
     def _coherence(self, part: Part, state: Measurements, effects: Sequence[Effect]) -> np.ndarray:
-        """Return the coherence of both lines' phase noise in each group (G, OFFSETS); zero where it is not compared.
+        """Return the coherence of both lines' phase noise in each group (G, C); zero where it is not compared.
 
         Args:
             part: groups of one setting.
             state: their conditions after effects.
             effects: of which filters pass sidebands by their frequency.
         """
-        result = np.zeros((len(part.groups), coherence.OFFSETS))
+        result = np.zeros((len(part.groups), SIDEBANDS.bands))
         if not self._shared[part.groups].any():
             return result
         rate = state.stations[0].sweep.sample_rate
@@ -152,7 +154,7 @@ class NoiseModel:
     def _filter(
         self, station: Station, state: Measurements, effects: Sequence[Effect]
     ) -> Callable[[np.ndarray], np.ndarray]:
-        """Return what tells by how much the filters among `effects` pass frequencies (...) of a station's IF."""
+        """Return a function: by how much the filters among `effects` pass frequencies (...) of a station's IF."""
         filters = [e for e in effects if e.stage == Stage.FILTER and e.applies_to(station.name)]
         if not filters:
             return np.ones_like

@@ -24,7 +24,7 @@ _BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follo
 class Distortion:
     """By how much distortion changes what noisy sweeps show."""
 
-    noise: np.ndarray  # in bands (G, S, BANDS) [dB]
+    noise: np.ndarray  # in bands (G, S, N) [dB]
     harmonic: np.ndarray  # (G, S, 2 H)
     piled: np.ndarray  # (G, S)
 
@@ -34,7 +34,7 @@ class Bursts:
     """By how much bursts change what noisy sweeps show."""
 
     uneven: np.ndarray  # (G, S, 3)
-    noise: np.ndarray  # in bands (G, S, BANDS) [dB]
+    noise: np.ndarray  # in bands (G, S, N) [dB]
 
 
 class Expected:
@@ -86,7 +86,7 @@ class Expected:
 
     @functools.cached_property
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample], and the coherence of both lines (G, OFFSETS)."""
+        """Noise in bands (G, S, N) [dB of 1 LSB^2 per sample], and the coherence of both lines (G, C)."""
         state = acted(self.part, self.effects)
         return self.model.noise.predicted(self.part, state, self.effects, self.features.line)
 
@@ -99,7 +99,7 @@ class Expected:
 
     @functools.cached_property
     def raised(self) -> tuple[np.ndarray, np.ndarray]:
-        """Noise in bands as further lines raise it (G, S, BANDS) [dB], and the noise in each bin (G, S, B) [LSB^2]."""
+        """Noise in bands as further lines raise it (G, S, N) [dB], and the noise in each bin (G, S, B) [LSB^2]."""
         quiet = self.noise[0]
         if self.bursting:
             quiet = quiet + self.bursts.noise
@@ -217,7 +217,7 @@ class Predictor:
         return Bursts(np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain))
 
     def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, BANDS) [dB] of noisy sweeps."""
+        """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
         copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
         features = self.simulated.jittered(part, effects, True, copies)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
@@ -230,7 +230,7 @@ class Predictor:
         """Return where the model has its groups, and what the reference says there (G,) [m]; see `Expected`.
 
         An error of the reference means that the target stands elsewhere. To first order that changes the range alone;
-        but a reflection, told to a part of the carrier's wavelength, follows the true distance.
+        but a reflection follows the true distance, which its phase shows to a part of the carrier's wavelength.
         """
         reading = self._reference(part, effects)
         error = reading - part.steady.range

@@ -25,11 +25,11 @@ class RecordedSweeps:
         topology: of its stations.
         heard: numbers of the stations with samples (S,).
         members: rows of `data` in each group.
-        scatters: the groups' sweeps are enough to tell their scatter.
+        scatters: the groups have enough sweeps to estimate their scatter.
         unsound: how many sweeps were left out, as their lines were not where they should be.
         parts: the groups by setting.
         sweeps: features of each group's members.
-        shares: of each group's members in the coherence (n, OFFSETS).
+        shares: of each group's members in the coherence (n, C).
         slope: of the reference in each group (G,) [m/s].
         slope_std: its standard deviation (G,), inf where there is no reference.
         reference_noise: standard deviation of the reference's mean in each group (G,), 0 without reference [m].
@@ -45,7 +45,7 @@ class RecordedSweeps:
             rows: sweeps to use, None for all.
 
         Raises:
-            ConfigurationError: nowhere enough sweeps under the same conditions to tell their scatter, which two
+            ConfigurationError: nowhere enough sweeps under the same conditions to estimate their scatter, which two
                 stations' oscillators make; few of a station that hears itself count as disturbed by white noise alone,
                 but its line must stand clear of 0 Hz.
         """

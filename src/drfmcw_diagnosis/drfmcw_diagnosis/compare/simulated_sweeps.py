@@ -118,11 +118,11 @@ class SimulatedSweeps:
         return np.interp((np.arange(count) + 0.5) / count * len(time) - 0.5, np.arange(len(time)), time) - time.mean()
 
     def _amplitudes(self, group: int, count: int) -> np.ndarray:
-        """Return deviations of the amplitudes from the group's mean, of `count` of its sweeps (count, S) [dB]."""
+        """Return the amplitudes minus the group's mean, of `count` of its sweeps (count, S) [dB]."""
         return _spread(self._recorded.sweeps[group].amplitude, count)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
-        """Return deviations of T_off from the group's mean, of `count` of its sweeps [s]."""
+        """Return T_off minus the group's mean, of `count` of its sweeps [s]."""
         return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
 
 

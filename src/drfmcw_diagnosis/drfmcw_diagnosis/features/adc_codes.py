@@ -72,8 +72,8 @@ def evenness(samples: np.ndarray, noise: float) -> Codes | None:
     if len(counts) < CODES.neighbours:
         return None
     around = np.convolve(counts, np.full(CODES.neighbours, 1.0 / CODES.neighbours), 'same')[2:-2]
-    told = around >= CODES.least_count
-    z = np.convolve(counts, _DIFFERENCE, 'valid')[told] / np.sqrt((_DIFFERENCE @ _DIFFERENCE) * around[told])
+    enough = around >= CODES.least_count
+    z = np.convolve(counts, _DIFFERENCE, 'valid')[enough] / np.sqrt((_DIFFERENCE @ _DIFFERENCE) * around[enough])
     if len(z) < CODES.neighbours:
         return None
     freedom = len(z) / CODES.correlated
@@ -81,7 +81,7 @@ def evenness(samples: np.ndarray, noise: float) -> Codes | None:
         float(stats.chi2.sf(float(np.mean(z**2)) * freedom / CODES.tails, freedom)),
         min(1.0, len(z) * 2.0 * float(stats.norm.sf(float(np.abs(z).max()) / CODES.tails))),
     )
-    code = int(samples.min()) + step * (np.flatnonzero(told) + CODES.rail + 2)
+    code = int(samples.min()) + step * (np.flatnonzero(enough) + CODES.rail + 2)
     weight = np.cumsum(np.where(np.abs(z) > min(CODES.stands_out, float(np.abs(z).max())) - 1e-9, z**2, 0.0))
     low, high = code[np.searchsorted(weight, [0.05 * weight[-1], 0.95 * weight[-1]]).clip(0, len(code) - 1)]
     return Codes(min(1.0, len(chances) * min(chances)), float(np.sum(z**2) - len(z)), float(low), float(high))

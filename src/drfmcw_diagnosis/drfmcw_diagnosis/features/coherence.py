@@ -18,25 +18,19 @@ from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SIDEBANDS
 
-OFFSETS = 8
-"""Bands of offsets from the line in which both stations' phases are compared."""
-
-FARTHEST = 0.25
-"""Largest offset, of the sample rate."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Sidebands:
-    """Which sidebands of both lines are compared in a group, or in each of several (...), over F offsets."""
+    """Which sidebands of both lines are compared in a group, or in each of several (...), over F offsets in C bands."""
 
     offset: np.ndarray  # (F,) [Hz]
     upper: np.ndarray  # (..., 2, F) those of each station within its spectrum
     lower: np.ndarray  # (..., 2, F)
-    edges: np.ndarray  # (OFFSETS + 1,) first offset of each band and the end
-    present: np.ndarray  # (..., OFFSETS) bands in which both stations have one
+    edges: np.ndarray  # (C + 1,) first offset of each band and the end
+    present: np.ndarray  # (..., C) bands in which both stations have one
 
     def summed(self, values: np.ndarray) -> np.ndarray:
-        """Return sums over each band (..., OFFSETS) of a spectrum (..., F), over offsets at which both have one."""
+        """Return sums over each band (..., C) of a spectrum (..., F), over offsets at which both have one."""
         both = np.all(self.upper | self.lower, axis=-2)
         return np.add.reduceat(np.where(both, values, 0.0), self.edges[:-1], axis=-1)
 
@@ -44,10 +38,10 @@ class Sidebands:
 def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
     """Return which sidebands of lines at the frequencies `line` (..., 2) [Hz] are compared."""
     width = sweep.sample_rate / sweep.sample_count
-    offset = np.arange(SIDEBANDS.nearest, int(FARTHEST * sweep.sample_count)) * width
+    offset = np.arange(SIDEBANDS.nearest, int(SIDEBANDS.farthest * sweep.sample_count)) * width
     upper = line[..., None] + offset < sweep.sample_rate / 2 - SIDEBANDS.clear * width
     lower = line[..., None] - offset > SIDEBANDS.clear * width
-    edges = np.linspace(0, len(offset), OFFSETS + 1).astype(int)
+    edges = np.linspace(0, len(offset), SIDEBANDS.bands + 1).astype(int)
     present = np.add.reduceat(np.all(upper | lower, axis=-2).astype(int), edges[:-1], axis=-1) >= SIDEBANDS.nearest
     return Sidebands(offset, upper, lower, edges, present)
 
@@ -69,7 +63,7 @@ def measured(
     weights: Sequence[np.ndarray],
     sweeps: Sequence[SweepSettings],
 ) -> np.ndarray:
-    """Return each sweep's share in a group's imaginary coherence (n, OFFSETS), 0 in bands that are not present.
+    """Return each sweep's share in a group's imaginary coherence (n, C), 0 in bands that are not present.
 
     The mean of the shares is the group's.
 
@@ -108,7 +102,7 @@ def predicted(
     responses: np.ndarray,
     delay: np.ndarray | float,
 ) -> np.ndarray:
-    """Return the imaginary coherence of groups (..., OFFSETS), 0 in bands that are not present.
+    """Return the imaginary coherence of groups (..., C), 0 in bands that are not present.
 
     Args:
         used: sidebands compared.
@@ -130,7 +124,7 @@ def predicted(
 
 
 def _imaginary(used: Sidebands, cross: np.ndarray) -> np.ndarray:
-    """Return shares in the imaginary coherence (n, ..., OFFSETS) from cross spectra of unit-power phases (n, ..., F).
+    """Return shares in the imaginary coherence (n, ..., C) from cross spectra of unit-power phases (n, ..., F).
 
     Relative to the root of the mean powers of both phases' sum and difference; 0 in bands that are not present.
     """

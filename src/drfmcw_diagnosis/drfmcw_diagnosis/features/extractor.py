@@ -43,22 +43,7 @@ from drfmcw_physics.sweep import SweepSettings
 from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
 from . import adc_codes, coherence
-from .limits import SPECTRUM
-
-BANDS = 8
-"""Bands of equal width in which the noise is compared."""
-
-HARMONICS = (2, 3, 5)
-"""Multiples of the line's phase at which distortion shows."""
-
-SPAN = 64
-"""Samples over which the power without the line is taken."""
-
-BURST = 2.2
-"""Power over its median that no span of steady noise reaches [1]."""
-
-LINE = 64
-"""Bins on either side of a line in which no other line is sought: the ramp's features cover them."""
+from .limits import SIDEBANDS, SPECTRUM
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,6 +94,9 @@ class Extractor:
         else:
             calibrated = calibrations[own], calibrations[-1 - own]
             self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, SPECTRUM.blocks)
+        self.time = np.zeros(0)
+        """Of the blocks in the first station's sweep, once sweeps have come [s]."""
+
         window = self.estimator.stations[0].duration
         # standard deviation of the phase in mid-window over that of the frequency [rad/Hz]
         self.phase_per_frequency = 2.0 * np.pi * window / np.sqrt(12.0)
@@ -180,7 +168,7 @@ class Extractor:
         return np.tile(ramp, 2), np.repeat(mean[:, None], parts, axis=1)
 
     def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
-        """Return each sweep's share in the coherence of both lines' phase noise (n, OFFSETS), see `coherence`.
+        """Return each sweep's share in the coherence of both lines' phase noise (n, C), see `coherence`.
 
         Zero for one station alone, and for quadrature samples, whose line may be at negative frequency.
 
@@ -189,7 +177,7 @@ class Extractor:
             sweeps: their features.
         """
         if not self.topology.shares_noise:
-            return np.zeros((len(samples[0]), coherence.OFFSETS))
+            return np.zeros((len(samples[0]), SIDEBANDS.bands))
         time = sweeps.time - sweeps.time.mean()
         total, difference = sweeps.ramp[:, 2:].mean(axis=0)
         phases = (total + difference) / np.sqrt(2.0), self.sign * (total - difference) / np.sqrt(2.0)
@@ -208,10 +196,10 @@ class Extractor:
         n = len(samples[0])
         if noisy:
             estimates, base = self.estimator.with_basebands(samples, full_scale)
-            told = self._noisy(estimates)
+            noise_features = self._noisy(estimates)
         else:
             base = self.estimator.basebands(samples)
-            told = (np.zeros((n, 0)),) * 3
+            noise_features = (np.zeros((n, 0)),) * 3
         self.time = base.time[0]
         log = np.log(np.maximum(np.abs(base.lines), 1e-9))
         level = log.mean(axis=-1)
@@ -254,7 +242,7 @@ class Extractor:
             beat,
             20.0 / np.log(10.0) * level.T + 20.0 * np.log10(self.topology.amplitude_factor),
             delay,
-            *told,
+            *noise_features,
             *of_stations,
         )
 
@@ -288,7 +276,7 @@ class Extractor:
             line = np.where(below, mirror, line)
         found = []
         power, reached = turn, 1
-        for order in HARMONICS:
+        for order in SPECTRUM.harmonics:
             while reached < order:
                 power, reached = power * turn, reached + 1
             # cos^3 and sin^3 of I and Q hold cos(3 psi) and -sin(3 psi): a line at three times the negative frequency
@@ -321,9 +309,9 @@ class Extractor:
         if self.topology.iq:
             spectrum[:, bins:][masked[:, -2:0:-1]] = 0.0
         left = np.fft.ifft(spectrum) if self.topology.iq else np.fft.irfft(spectrum, len(weights))
-        spans = len(weights) // SPAN
-        power = (np.abs(left[:, : spans * SPAN]) ** 2).reshape(len(left), spans, SPAN).mean(axis=2)
-        expected = (weights[: spans * SPAN] ** 2).reshape(spans, SPAN).mean(axis=1)
+        spans = len(weights) // SPECTRUM.span
+        power = (np.abs(left[:, : spans * SPECTRUM.span]) ** 2).reshape(len(left), spans, SPECTRUM.span).mean(axis=2)
+        expected = (weights[: spans * SPECTRUM.span] ** 2).reshape(spans, SPECTRUM.span).mean(axis=1)
         clear = expected > SPECTRUM.span_share
         return power[:, clear] / expected[clear]
 
@@ -372,7 +360,7 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
         rate: sample rate [Hz].
     """
     axis = np.arange(bins) * width
-    close = np.abs(axis - frequency[..., None]) < LINE * width
+    close = np.abs(axis - frequency[..., None]) < SPECTRUM.line * width
     return close | (axis < SPECTRUM.edge * width) | (axis > rate / 2 - SPECTRUM.edge * width)
 
 
@@ -392,7 +380,7 @@ def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
 
 def quiet_sweeps(quiet: np.ndarray) -> np.ndarray:
     """Return which sweeps hold no burst (n, S), all of a station where hardly any is free; `quiet` (n, S, T)."""
-    free = ~np.any(quiet > BURST * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
+    free = ~np.any(quiet > SPECTRUM.burst * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
     return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
 
 
@@ -406,7 +394,7 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how unevenly power is spread, (S, 3), and the standard deviation under steady noise.
 
     Logarithm of the mean of the spans' squares over the sweeps, over its median; the share of sweeps with a span of
-    more than `BURST` times the median, and the share of such spans.
+    more than `SPECTRUM.burst` times the median, and the share of such spans.
 
     Args:
         quiet: power of n sweeps in spans (n, S, T).
@@ -416,8 +404,8 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     square = np.mean(over**2, axis=2)
     middle = np.median(square, axis=0)
     spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
-    least = 2.0 / np.sqrt(SPAN * spans)  # of white noise in I and Q, the evenest there is
-    share, sweeps = np.mean(over > BURST, axis=(0, 2)), np.mean(over.max(axis=2) > BURST, axis=0)
+    least = 2.0 / np.sqrt(SPECTRUM.span * spans)  # of white noise in I and Q, the evenest there is
+    share, sweeps = np.mean(over > SPECTRUM.burst, axis=(0, 2)), np.mean(over.max(axis=2) > SPECTRUM.burst, axis=0)
     return (
         np.stack([np.log(square.mean(axis=0) / middle), sweeps, share], axis=1),
         np.stack(

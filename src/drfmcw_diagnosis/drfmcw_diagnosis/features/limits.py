@@ -36,6 +36,12 @@ class CodeLimits:
 class SidebandLimits:
     """Which sidebands of both lines are compared."""
 
+    bands: int = 8
+    """Bands of offsets from the line in which both stations' phases are compared; chosen."""
+
+    farthest: float = 0.25
+    """Largest offset, of the sample rate [1]; chosen."""
+
     nearest: int = 16
     """Bins from the line that its own changes within the sweep leave free; chosen."""
 
@@ -46,6 +52,22 @@ class SidebandLimits:
 @dataclasses.dataclass(frozen=True)
 class SpectrumLimits:
     """How spectra and series are taken."""
+
+    bands: int = 8
+    """Bands of equal width in which the noise is compared; chosen."""
+
+    harmonics: tuple[int, ...] = (2, 3, 5)
+    """Multiples of the line's phase at which distortion shows; chosen."""
+
+    span: int = 64
+    """Samples over which the power without the line is taken; chosen."""
+
+    burst: float = 2.2
+    """Power over its median that no span of steady noise reaches [1]; derived: the mean power of 64 real samples of
+    white noise exceeds it with a chance of 1e-7 (chi-squared)."""
+
+    line: int = 64
+    """Bins on either side of a line in which no other line is sought; chosen: the ramp's features cover them."""
 
     span_share: float = 0.1
     """Of the window's largest power that a span must have [1]; chosen."""

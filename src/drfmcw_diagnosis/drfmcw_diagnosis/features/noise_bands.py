@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .extractor import BANDS, median_of_mean, near_line
+from .extractor import median_of_mean, near_line
 from .limits import SPECTRUM
 
 
 class NoiseBands:
-    """The bands of spectra under one sample rate and window, of S stations."""
+    """The bands of spectra under one sample rate and window, of S stations; there are N bands."""
 
     def __init__(self, rate: float, window_power: Sequence[float]) -> None:
         """Remember what makes a spectrum.
@@ -25,7 +25,7 @@ class NoiseBands:
         return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
 
     def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise in bands and its standard deviation, (S, BANDS) each [dB of 1 LSB^2 per sample].
+        """Return the noise in bands and its standard deviation, (S, N) each [dB of 1 LSB^2 per sample].
 
         NaN and an infinite standard deviation where a line fills the band.
 
@@ -36,10 +36,10 @@ class NoiseBands:
         """
         bins = power.shape[-1]
         masked = self.at_line(line, bins)
-        noise, std = (np.full((len(power), BANDS), value) for value in (np.nan, np.inf))
+        noise, std = (np.full((len(power), SPECTRUM.bands), value) for value in (np.nan, np.inf))
         edges = _edges(bins)
         for station in range(len(power)):
-            for band in range(BANDS):
+            for band in range(SPECTRUM.bands):
                 inside = power[station, edges[band] : edges[band + 1]]
                 inside = inside[~masked[station, edges[band] : edges[band + 1]]]
                 if len(inside) < SPECTRUM.fewest_bins:
@@ -54,7 +54,7 @@ class NoiseBands:
         """Return what the medians of bands show with lines added [dB of 1 LSB^2 per sample], and the noise in each bin.
 
         Args:
-            quiet: noise in bands, of each group (G, S, BANDS) [dB of 1 LSB^2 per sample].
+            quiet: noise in bands, of each group (G, S, N) [dB of 1 LSB^2 per sample].
             added: power of lines in each bin (G, S, B) [LSB^2].
             line: of each station (G, S) [Hz].
         """
@@ -73,5 +73,5 @@ class NoiseBands:
 
 
 def _edges(bins: int) -> np.ndarray:
-    """Return the first bin of each band and the end of the last, (BANDS + 1,)."""
-    return np.linspace(0, bins, BANDS + 1).astype(int)
+    """Return the first bin of each band and the end of the last, (N + 1,)."""
+    return np.linspace(0, bins, SPECTRUM.bands + 1).astype(int)

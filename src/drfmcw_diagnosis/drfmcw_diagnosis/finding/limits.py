@@ -112,6 +112,58 @@ class PlotLimits:
     cells: int = 14
     """Columns of a map whose cells hold their numbers, at most; chosen."""
 
+    text: float = 10.0
+    """Size of letters [pt]; chosen."""
+
+    legend_text: float = 9.0
+    """The same in legends [pt]; chosen."""
+
+    cell_text: float = 8.5
+    """The same in the cells of a map [pt]; chosen."""
+
+    grid: float = 0.25
+    """Opacity of grid lines [1]; chosen."""
+
+    letters: int = 70
+    """Letters below a map, if all columns had the longest name, beyond which the names are turned; derived: this many
+    of 10 pt fill the figure's width."""
+
+    letter: float = 0.07
+    """Height that each letter of a turned name takes [in]; derived: half a letter's height of 10 pt, at 35 degrees."""
+
+    line: float = 0.2
+    """Height of one line of text [in]; derived: 10 pt and its spacing."""
+
+    below: float = 0.3
+    """Height below a map without its columns' names [in]; chosen."""
+
+    title: float = 0.45
+    """Height of a map without its rows [in]; chosen."""
+
+    row: float = 0.36
+    """Height of a row of a map [in]; chosen."""
+
+    dark: float = 0.6
+    """Share of the logarithmic scale from which on a cell is so dark that its number is white [1]; chosen."""
+
+    palest: float = 0.3
+    """Misfit per degree of freedom at which the colour bar begins, at most [1]; chosen."""
+
+    decades: float = 200.0
+    """Largest misfit per degree of freedom up to which the colour bar has ticks between powers of ten [1]; chosen."""
+
+    series_height: float = 3.3
+    """Height of a series with its legend [in]; chosen."""
+
+    legend_share: float = 0.06
+    """Height of that legend over that of the series [1]; chosen."""
+
+    held_out_height: float = 1.9
+    """Height of the comparison with held-out sweeps [in]; chosen."""
+
+    margin: float = 0.08
+    """Part of the shown span that is left free above and below it [1]; chosen."""
+
 
 VIEWS = ViewLimits()
 SEPARATION = SeparationLimits()

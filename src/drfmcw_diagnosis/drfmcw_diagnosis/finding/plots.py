@@ -21,15 +21,15 @@ from .result import Fit, Location, MisfitMap, Series
 
 DATA, CURVE, NOISE, SPAN = '#2f4b66', '#c8374a', '#dde5ee', '#e6a817'
 _STYLE: Any = {
-    'font.size': 10,
-    'axes.titlesize': 10,
+    'font.size': PLOTS.text,
+    'axes.titlesize': PLOTS.text,
     'axes.titlelocation': 'left',
     'axes.spines.top': False,
     'axes.spines.right': False,
     'axes.grid': True,
     'axes.axisbelow': True,
-    'grid.alpha': 0.25,
-    'legend.fontsize': 9,
+    'grid.alpha': PLOTS.grid,
+    'legend.fontsize': PLOTS.legend_text,
     'legend.frameon': False,
 }
 
@@ -57,9 +57,10 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
     values = np.concatenate([np.asarray(v, float).ravel() for _, v in panels])
     values = values[np.isfinite(values) & (values > 0.0)]
     largest = max(PLOTS.deepest, float(values.max(initial=0.0)))
-    turned = max(map(len, shown.columns), default=0) * len(shown.columns) > 70
-    below = 0.3 + (0.07 * max(map(len, shown.columns)) if turned else 0.2)
-    height = len(panels) * (0.45 + 0.36 * len(shown.rows)) + below
+    longest = max(map(len, shown.columns), default=0)
+    turned = longest * len(shown.columns) > PLOTS.letters
+    below = PLOTS.below + (PLOTS.letter * longest if turned else PLOTS.line)
+    height = len(panels) * (PLOTS.title + PLOTS.row * len(shown.rows)) + below
     with matplotlib.rc_context(_STYLE | {'axes.grid': False}):
         figure = _figure(height)
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -82,15 +83,14 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
         options = {'rotation': 35, 'ha': 'right', 'rotation_mode': 'anchor'} if turned else {}
         axes[-1].set_xticklabels(shown.columns, parse_math=False, **options)
         bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=18)
-        ticks = [
-            m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if max(1.0 / largest, 0.3) <= m * 10.0**e <= largest
-        ]
-        if largest > 200.0:
+        begin = max(1.0 / largest, PLOTS.palest)
+        ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if begin <= m * 10.0**e <= largest]
+        if largest > PLOTS.decades:
             ticks = [t for t in ticks if math.isclose(math.log10(t), round(math.log10(t)))]
         bar.set_ticks(FixedLocator(ticks))
         bar.ax.yaxis.set_minor_locator(NullLocator())
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f'{v:g}'))
-        bar.ax.set_ylim(max(1.0 / largest, 0.3), largest)
+        bar.ax.set_ylim(begin, largest)
         bar.set_label('misfit per degree\nof freedom, 1 = noise')
         return _png(figure)
 
@@ -98,10 +98,10 @@ def misfit_map(shown: MisfitMap, explained: bool) -> bytes:
 def _write_cells(axis: Axes, cells: np.ndarray, largest: float) -> None:
     for row, column in np.argwhere(np.isfinite(cells)):
         value = cells[row, column]
-        dark = value > 0.0 and abs(math.log(value)) > 0.6 * math.log(largest)
+        dark = value > 0.0 and abs(math.log(value)) > PLOTS.dark * math.log(largest)
         axis.text(
             column + 0.5, row + 0.5, _cell(value), ha='center', va='center',
-            fontsize=8.5, color='white' if dark else '#333333',
+            fontsize=PLOTS.cell_text, color='white' if dark else '#333333',
         )  # fmt: skip
 
 
@@ -141,8 +141,11 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
         if (x.level, x.station or None, x.axis) == (series.level, series.station or None, series.axis)
     ]
     with matplotlib.rc_context(_STYLE):
-        figure = _figure(3.3)
-        axes = figure.subplots(1, len(panels), squeeze=False)[0]
+        figure = _figure(PLOTS.series_height)
+        grid = figure.add_gridspec(2, len(panels), height_ratios=(1.0, PLOTS.legend_share))
+        axes = [figure.add_subplot(grid[0, i]) for i in range(len(panels))]
+        lower = figure.add_subplot(grid[1, :])
+        lower.set_axis_off()
         for number, (axis, (values, title, limits)) in enumerate(zip(axes, panels, strict=True)):
             _points(axis, x, values, std)
             if explained and number == 0:
@@ -162,14 +165,15 @@ def series_panels(series: Series, locations: Sequence[Location], explained: bool
             axis.set_xlabel(_label(name, x_unit))
         axes[0].set_ylabel(_label('residual', y_unit))
         handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc='outside lower center', ncols=len(labels))
+        # matplotlib 3.6 has no legend outside of the axes, so it takes the lower row of a grid
+        lower.legend(handles, labels, loc='center', ncols=len(labels), borderaxespad=0.0)
         return _png(figure)
 
 
 def _limits(*shown: np.ndarray) -> tuple[float, float]:
     """Return limits of an axis that hold all that is shown, and zero."""
     values = np.concatenate([np.append(v[np.isfinite(v)], 0.0) for v in shown])
-    margin = 0.08 * float(np.ptp(values)) or 1.0
+    margin = PLOTS.margin * float(np.ptp(values)) or 1.0
     return float(values.min()) - margin, float(values.max()) + margin
 
 
@@ -216,7 +220,7 @@ def held_out(fit: Fit) -> bytes:
     """Return misfit per degree of freedom before and after, on the fitted and on the held-out sweeps."""
     rows = (('fitted sweeps', fit.fitted), ('held-out sweeps', fit.held_out))
     with matplotlib.rc_context(_STYLE):
-        figure = _figure(1.9)
+        figure = _figure(PLOTS.held_out_height)
         axis = figure.subplots()
         axis.axvline(1.0, color='black', linewidth=1.0)
         for height, (_, figures) in enumerate(rows):
@@ -232,7 +236,7 @@ def held_out(fit: Fit) -> bytes:
         axis.set_yticks(range(len(rows)), [name for name, _ in rows])
         axis.set_ylim(len(rows) - 0.5, -0.5)
         axis.set_xlabel('misfit per degree of freedom, 1 = noise')
-        figure.legend(loc='outside right upper')
+        axis.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
         return _png(figure)
 
 

@@ -101,8 +101,8 @@ def misfit_map(comparison: Comparison, chosen: Fitted | None) -> MisfitMap:
             inside = of_row[(c.entries.group[of_row] == g) & (c.residual[of_row] != 0.0)]
             if len(inside):
                 before[i, g] = np.mean(c.residual[inside] ** 2)
-                told = rest[inside][np.isfinite(rest[inside])]
-                after[i, g] = np.mean(told**2) if len(told) else np.nan
+                known = rest[inside][np.isfinite(rest[inside])]
+                after[i, g] = np.mean(known**2) if len(known) else np.nan
     columns = tuple(f'{c.data.distance[m].mean():.0f} m' for m in c.members)
     return MisfitMap(tuple(_row_name(c, *row) for row in rows), columns, before, after)
 
@@ -110,11 +110,11 @@ def misfit_map(comparison: Comparison, chosen: Fitted | None) -> MisfitMap:
 def series(comparison: Comparison, chosen: Fitted | None) -> tuple[Series, ...]:
     """Return residuals along their axes, of the group with the largest misfit where there is one for each."""
     c = comparison
-    told = np.isfinite(remainder(c, chosen))
+    known = np.isfinite(remainder(c, chosen))
     added = c.predict([e.build() for e in chosen.effects]) if chosen else c.plain
     found = []
     for kind, station in _compared(c):
-        if not told[c.rows(kind, station)].any():
+        if not known[c.rows(kind, station)].any():
             continue  # the explanation does not say what to expect
         plotted = kind.plotted(_shown(c, kind, station, chosen, added))
         values = plotted.x, plotted.residual, plotted.std, plotted.curve, plotted.unit

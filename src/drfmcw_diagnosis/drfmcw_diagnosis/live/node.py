@@ -32,6 +32,7 @@ from drfmcw_ros.processes import Background, WorkFailed
 from drfmcw_ros.runner import run
 
 from . import watch
+from .limits import NODE
 from .watch import Judgement, Watch, WatchSettings
 from .window import Window, WindowSettings
 
@@ -42,9 +43,6 @@ _SITE_TYPES = {
     '/site/humidity': RelativeHumidity,
     '/reference/range': ReferenceRange,
 }
-_LATCHED_DEPTH = 32  # settings for so many peers
-_GATHER = 2e-3  # of messages that are taken together [s]
-_TICK = 0.2  # between questions whether a look is due or has ended [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,18 +90,18 @@ class WatchNode(Node):
         self._background = Background(watch.judge)
         sources = (watched.first_source, watched.second_source)
         for station, source in dict(zip(watched.pair.split('/'), sources, strict=True)).items():
-            self._listen(SweepConfig, f'/{station}/sweep_config', qos.latched_subscription(_LATCHED_DEPTH))
-            self._listen(StationCalibration, f'/{station}/calibration', qos.latched_subscription(_LATCHED_DEPTH))
+            self._listen(SweepConfig, f'/{station}/sweep_config', qos.latched_subscription(NODE.peers))
+            self._listen(StationCalibration, f'/{station}/calibration', qos.latched_subscription(NODE.peers))
             self._listen(StationStatus, f'/{station}/status', qos.RELIABLE)
             if source == 'topic':
                 kind, topic, take = IfSamples, f'/{station}/if_samples', self._take_sweeps
             else:
                 kind, topic, take = CompressedIfSamples, f'/{station}/if_samples_compressed', self._take_compressed
-            qos.subscription(self, kind, topic, take, qos.DEEP, batch=True, gather=_GATHER)
+            qos.subscription(self, kind, topic, take, qos.DEEP, batch=True, gather=NODE.gather)
         for topic, kind in _SITE_TYPES.items():
             self._listen(kind, topic, qos.DEEP)
         Diagnostics(self, watched.pair).add(f'Model {watched.pair}', self._diagnose)
-        self.create_timer(_TICK, self._tick)
+        self.create_timer(NODE.tick, self._tick)
 
     def _listen(self, kind: type, topic: str, profile: Any) -> None:
         qos.subscription(self, kind, topic, functools.partial(self._take, topic), profile, batch=True)

@@ -18,12 +18,11 @@ from drfmcw_sim.effects import Effect, Motion
 from ..engine import check, diagnose_dataset
 from ..finding import wording
 from ..finding.result import BeforeAfter, Diagnosis
+from .limits import NODE
 from .window import Snapshot, Window
 
 OK, WARN, STALE = 'ok', 'warn', 'stale'
 """How a statement is to be taken."""
-
-_SILENT = 10.0  # without sweeps, after which what was said counts as stale [s]
 
 
 def _driving() -> list[str]:
@@ -271,7 +270,7 @@ class Watch:
             message = f'{message} again, for {now - since:.0f} s; before: {self.described(gone)}'
         if self._problem:
             return WARN, f'the newest sweeps could not be judged: {self._problem}; before: {message}'
-        if now - self._heard > _SILENT:
+        if now - self._heard > NODE.silent:
             return STALE, f'no sweep for {now - self._heard:.0f} s; before: {message}'
         return level, message
 

@@ -13,10 +13,7 @@ from drfmcw_physics.settings import parameter
 
 from ..recording.conditions import Conditions
 from ..recording.dataset import PAIRING, Dataset, assembled
-
-_BACK = 10_000_000_000  # a sweep older by more than this: time was set back [ns]
-_MARGIN = 10_000_000_000  # of conditions around the sweeps: readings between which the reference is interpolated [ns]
-_CONDITIONS = 100_000  # values of each kind of condition
+from .limits import WINDOW
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,17 +67,19 @@ class Window:
         """Start empty; `pair` is 'first/second'."""
         first, second = pair.split('/')
         self.pair = (first, second)
-        self._conditions = Conditions(_CONDITIONS)
+        self._conditions = Conditions(WINDOW.conditions)
         self._settings = settings or WindowSettings()
         self.received = 0
         """Records of the pair's sweeps that have come, kept or not."""
-        self._forget_sweeps()
-
-    def _forget_sweeps(self) -> None:
         self._entries: list[_Entry] = []  # by stamp
         self._by_id: dict[int, _Entry] = {}
         self.size = 0
         """Of the samples kept [bytes]."""
+
+        self._burst_start, self._burst_count = 0, 0
+
+    def _forget_sweeps(self) -> None:
+        self._entries, self._by_id, self.size = [], {}, 0
         self._burst_start, self._burst_count = 0, 0
 
     @property
@@ -114,7 +113,7 @@ class Window:
         return self._entries[-1].stamp if self._entries else 0
 
     def unknown(self) -> list[str]:
-        """Return the topics without which nothing can be judged, and that have told nothing yet."""
+        """Return the topics without which nothing can be judged and from which no message has come yet."""
         return self._conditions.unknown(tuple(dict.fromkeys(self.pair)))
 
     def take(self, topic: str, message: Any) -> None:
@@ -133,9 +132,9 @@ class Window:
                 self._add(sweep)
 
     def _add(self, sweep: Sweep) -> None:
-        if sweep.stamp < self.newest - _BACK:  # clocks were set, or a recording is played again
+        if sweep.stamp < self.newest - WINDOW.back:  # clocks were set, or a recording is played again
             self._forget_sweeps()
-            self._conditions.keep(0, sweep.stamp + _MARGIN)
+            self._conditions.keep(0, sweep.stamp + WINDOW.margin)
         entry = self._by_id.get(sweep.sweep_id)
         if entry is None or abs(entry.stamp - sweep.stamp) > PAIRING:  # the latter: numbers have begun again
             if not self._in_burst(sweep.stamp) or (entry is not None and entry.stamp > sweep.stamp):
@@ -183,7 +182,7 @@ class Window:
         del self._entries[:count]
         self.size = kept
         if self._entries:
-            self._conditions.keep(self._entries[0].stamp - _MARGIN, sys.maxsize)
+            self._conditions.keep(self._entries[0].stamp - WINDOW.margin, sys.maxsize)
 
     def snapshot(self) -> Snapshot:
         """Return what is kept, without sweeps whose partner may still come; valid until the next message."""

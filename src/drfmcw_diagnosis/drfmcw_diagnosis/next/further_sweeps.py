@@ -16,13 +16,10 @@ from drfmcw_sim.nominal import link_budget
 from drfmcw_sim.signal_model import synthesise
 
 from ..compare.comparison import Comparison
-from ..features.extractor import LINE
+from ..features.limits import SPECTRUM
 from ..recording.dataset import Dataset
 from .instruments import Effects, Measurement, View
 from .limits import FURTHER
-
-SWEEPS = 12
-"""Sweep pairs at each distance, at most."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +41,7 @@ class _Supposed(Dataset):
     """A hypothetical recording."""
 
     begin: int  # stamp of the first sweep of the real one [ns]
-    place: np.ndarray  # (n,) number of the distance at which each sweep is made
+    distance_index: np.ndarray  # (n,) number of the distance at which each sweep is made
 
     @functools.cached_property
     def time(self) -> np.ndarray:
@@ -54,16 +51,16 @@ class _Supposed(Dataset):
     @property
     def group(self) -> np.ndarray:
         """Number of the distance, (n,): each distance is one group, whatever the readings."""
-        return self.place
+        return self.distance_index
 
 
 def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
     """Return the comparison of a simulated recording: nominal sweeps with noise, and jitter as in the real one."""
     data = comparison.data
-    members = [comparison.members[g][:SWEEPS] for g in conditions.groups]
+    members = [comparison.members[g][: FURTHER.sweeps] for g in conditions.groups]
     rows = np.concatenate(members)
-    place = np.repeat(np.arange(len(members)), [len(m) for m in members])
-    distance = np.array(conditions.distance)[place]
+    distance_index = np.repeat(np.arange(len(members)), [len(m) for m in members])
+    distance = np.array(conditions.distance)[distance_index]
     settings = [
         _powered(data, m, sweeps, d, conditions.attenuation)
         for m, sweeps, d in zip(members, conditions.sweeps, conditions.distance, strict=True)
@@ -77,14 +74,14 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
     }
     fields |= {
         'sweeps': tuple(distinct),
-        'setting': np.array([distinct.index(s) for s in settings])[place],
+        'setting': np.array([distinct.index(s) for s in settings])[distance_index],
         'sweep_id': np.arange(len(rows)),
         'stamp': fields['stamp'] + round(conditions.later * 1e9),
         'board_temperature': fields['board_temperature'] + np.array(conditions.boards)[:, None],
         'temperature': fields['temperature'] + conditions.air,
         'reference': distance,
     }
-    made = _Supposed(**fields, begin=int(data.stamp[0]), place=place)
+    made = _Supposed(**fields, begin=int(data.stamp[0]), distance_index=distance_index)
     per_delay = comparison.parts[0].extract.beat_per_start_delay
     jitter = [np.var(s.beat) / per_delay**2 for s in comparison.sweeps]
     scatter = [np.var(s.amplitude, axis=0).mean() for s in comparison.sweeps]
@@ -135,7 +132,7 @@ class _Sweeps(Measurement):
     """Further sweep pairs, under other conditions than the recording's."""
 
     @abc.abstractmethod
-    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions | None:
         """Return the conditions, None where they cannot be had."""
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
@@ -146,16 +143,16 @@ class _Sweeps(Measurement):
         """Return by how much each number's standard deviation exceeds that of the sweeps alone."""
         return np.ones(len(made.residual))
 
-    def view(self, comparison: Comparison, places: int) -> View | None:
+    def view(self, comparison: Comparison, count: int) -> View | None:
         """Return what effects add to the sweeps."""
-        conditions = self.conditions(comparison, places)
+        conditions = self.conditions(comparison, count)
         if conditions is None or not conditions.groups:
             return None
         made = supposed(comparison, conditions)
         spread = self.spread(made)
         for kind in comparison.kinds:
-            told = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
-            if not told and (not kind.needs_reference or conditions.referenced):
+            known = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
+            if not known and (not kind.needs_reference or conditions.referenced):
                 spread[made.rows(kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:
@@ -174,10 +171,10 @@ def _at(effect: Effect, groups: Sequence[int]) -> Effect:
     return dataclasses.replace(effect, **chosen)
 
 
-def _same(comparison: Comparison, places: int, **changes: Any) -> Conditions:
+def _same(comparison: Comparison, count: int, **changes: Any) -> Conditions:
     """Return the recording's own conditions at some of its distances."""
     data, members = comparison.data, comparison.members
-    groups = np.unique(np.linspace(0, len(members) - 1, min(places, len(members))).round().astype(int))
+    groups = np.unique(np.linspace(0, len(members) - 1, min(count, len(members))).round().astype(int))
     conditions = Conditions(
         groups=tuple(groups.tolist()),
         distance=tuple(float(data.distance[members[g]].mean()) for g in groups),
@@ -196,7 +193,7 @@ def _timed(
     mode = Mode.LONG_DISTANCE if delay > start_delay and not sweeps[0].hears_itself else Mode.SHORT_DISTANCE
     changed = tuple(dataclasses.replace(s, start_delay=start_delay, mode=int(mode)) for s in sweeps)
     for sweep in changed:
-        line, margin = beat_frequency(sweep, delay, 1.0, 1.0), LINE * sweep.sample_rate / sweep.sample_count
+        line, margin = beat_frequency(sweep, delay, 1.0, 1.0), SPECTRUM.line * sweep.sample_rate / sweep.sample_count
         if not margin < line < sweep.sample_rate / 2 - margin:
             return None
     return changed
@@ -211,7 +208,7 @@ class Baseline(_Sweeps):
     length: float  # [m]
     millimetres: float = 1.0  # to which it is known
 
-    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions | None:
         """Return the nearest group's conditions at the baseline's length."""
         data, members = comparison.data, comparison.members
         group = int(np.argmin([data.distance[m].mean() for m in members]))
@@ -219,7 +216,7 @@ class Baseline(_Sweeps):
         sweeps = _timed(comparison, old, old[0].start_delay, self.length)
         if sweeps is None:
             return None
-        return _same(comparison, places, groups=(group,), distance=(self.length,), sweeps=(sweeps,), referenced=False)
+        return _same(comparison, count, groups=(group,), distance=(self.length,), sweeps=(sweeps,), referenced=False)
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what belongs to the crane and to the reference instrument."""
@@ -242,11 +239,11 @@ class OtherStartDelay(_Sweeps):
 
     factors: tuple[float, ...] = (1.25, 0.8, 1.5, 0.6, 2.0, 0.4)
 
-    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions | None:
         """Return the T_off with which most distances can be measured."""
         if comparison.data.topology.hears_itself:
             return None
-        same = _same(comparison, places)
+        same = _same(comparison, count)
         best: list[tuple[int, tuple[SweepSettings, ...]]] = []
         for factor in self.factors:
             timed = [
@@ -271,7 +268,7 @@ class FurtherAway(_Sweeps):
 
     times: float = 1.5  # the longest distance
 
-    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions | None:
         """Return the longest group's conditions further away, None where no T_off keeps both lines in the IF band."""
         data, members = comparison.data, comparison.members
         distances = [float(data.distance[m].mean()) for m in members]
@@ -282,7 +279,7 @@ class FurtherAway(_Sweeps):
         sweeps = next((s for s in timed if s is not None), None)
         if sweeps is None:
             return None
-        return _same(comparison, places, groups=(group,), distance=(distance,), sweeps=(sweeps,))
+        return _same(comparison, count, groups=(group,), distance=(distance,), sweeps=(sweeps,))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -291,9 +288,9 @@ class Between(_Sweeps):
 
     text = 'Measure at further distances, halfway between those of the recording.'
 
-    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions | None:
         """Return the distances halfway to the next group, where the settings of both are the same."""
-        same = _same(comparison, places)
+        same = _same(comparison, count)
         data, members = comparison.data, comparison.members
         distance = np.array([data.distance[m].mean() for m in members])
         chosen = [
@@ -322,10 +319,10 @@ class Repeated(_Sweeps):
     attenuation: float = 0.0  # of all received power [dB]
     still: bool = False  # the crane can neither drive nor sway
 
-    def conditions(self, comparison: Comparison, places: int) -> Conditions:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions:
         """Return the recording's conditions, changed."""
         boards = tuple(self.board * (self.station in ('', s)) for s in comparison.data.stations)
-        return _same(comparison, places, boards=boards, air=self.air, later=self.later, attenuation=self.attenuation)
+        return _same(comparison, count, boards=boards, air=self.air, later=self.later, attenuation=self.attenuation)
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out motion where the crane is held."""
@@ -345,9 +342,9 @@ class Exchanged(_Sweeps):
         """Return False for an effect that may belong to the path or to either station."""
         return not effect.movable
 
-    def conditions(self, comparison: Comparison, places: int) -> Conditions | None:
+    def conditions(self, comparison: Comparison, count: int) -> Conditions | None:
         """Return the recording's conditions; None where a station hears itself."""
-        return _same(comparison, places) if comparison.data.topology.is_pair else None
+        return _same(comparison, count) if comparison.data.topology.is_pair else None
 
     def acting(self, effect: Effect, comparison: Comparison) -> Effect | None:
         """Leave out what the station did."""
@@ -364,7 +361,7 @@ class MoreSweeps(Measurement):
     times: int = 4
     text = 'Record {m.times} times as many sweeps under the same conditions.'
 
-    def view(self, comparison: Comparison, places: int) -> View:
+    def view(self, comparison: Comparison, count: int) -> View:
         """Return what effects add to the additional sweeps; limits of the model do not average out."""
         scale = np.zeros(len(comparison.residual))
         for kind in comparison.kinds:

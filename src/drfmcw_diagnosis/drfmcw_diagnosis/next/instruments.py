@@ -43,12 +43,12 @@ class Measurement(abc.ABC):
         return True
 
     @abc.abstractmethod
-    def view(self, comparison: Comparison, places: int) -> View | None:
+    def view(self, comparison: Comparison, count: int) -> View | None:
         """Return what it shows, None where it cannot be made.
 
         Args:
             comparison: the recording, whose conditions, noise and settings hold for it too.
-            places: distances at which sweeps are simulated, at most.
+            count: distances at which sweeps are simulated, at most.
         """
 
 
@@ -67,7 +67,7 @@ class _Reading(Measurement):
     def std(self, comparison: Comparison, m: Measurements) -> np.ndarray | float:
         """Return the standard deviation of each reading."""
 
-    def view(self, comparison: Comparison, places: int) -> View | None:
+    def view(self, comparison: Comparison, count: int) -> View | None:
         """Return the readings less the nominal ones."""
         m = self.moments(comparison)
         if m is None:

@@ -10,7 +10,10 @@ class FurtherLimits:
     headroom: float = 6.0
     """By which a strong signal is attenuated below full scale [dB]; chosen."""
 
-    places: int = 5
+    sweeps: int = 12
+    """Sweep pairs at each distance, at most; chosen."""
+
+    distances: int = 5
     """Distances of further sweeps, at most; chosen."""
 
     predicted: int = 60

@@ -108,11 +108,11 @@ def ranked(
     explanations = [chosen, *rivals]
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
-    places = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.places))
+    count = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.distances))
     kinds = {e.candidate.kind for f in explanations for e in f.effects}
     found = []
     for measurement in candidates or measurements(comparison.data.stations):
-        view = measurement.view(comparison, places) if all(map(measurement.predictable, kinds)) else None
+        view = measurement.view(comparison, count) if all(map(measurement.predictable, kinds)) else None
         if view is None:
             continue
         shown = [_predicted(f, view.show) for f in explanations]

@@ -25,20 +25,20 @@ class FittedEffect:
     candidate: Candidate
     values: dict[str, float]
     stds: dict[str, float]
-    told: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    widened: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     """Value and standard deviation of parameters that the best fit alone determines too well, see `rivals.widened`."""
 
     size_std: float = 0.0
-    """Standard deviation of the size with all else as it is: a shape may be told badly, and the size with it."""
+    """Standard deviation of the size with all else fixed: an uncertain shape makes the size uncertain too."""
 
     @property
     def certain(self) -> bool:
-        """False where the size may as well be zero, or the shape that of another effect: it only lends its freedom."""
+        """False where the size may be zero or the shape that of another effect: it adds only degrees of freedom."""
         recipe = self.candidate.recipe
-        told = all(abs(self.values[name]) > FIT.certain * self.stds[name] for name in recipe.defining)
+        defined = all(abs(self.values[name]) > FIT.certain * self.stds[name] for name in recipe.defining)
         if not recipe.size or recipe.decibel or recipe.per_group:
-            return told
-        return told and abs(self.values[recipe.size]) > FIT.certain * self.size_std
+            return defined
+        return defined and abs(self.values[recipe.size]) > FIT.certain * self.size_std
 
     def build(self) -> Effect:
         """Return the effect."""
@@ -59,11 +59,11 @@ class Fitted:
     template: np.ndarray  # what they add, whitened
     evidence: float  # log evidence over no effect at all
 
-    def with_told(self, told: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
+    def with_widened(self, widened: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
         """Return the same with other values and standard deviations of the first effects' parameters."""
-        rest: list[dict[str, tuple[float, float]]] = [{}] * (len(self.effects) - len(told))
-        pairs = zip(self.effects, [*told, *rest], strict=True)
-        return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, told=t) for e, t in pairs))
+        rest: list[dict[str, tuple[float, float]]] = [{}] * (len(self.effects) - len(widened))
+        pairs = zip(self.effects, [*widened, *rest], strict=True)
+        return dataclasses.replace(self, effects=tuple(dataclasses.replace(e, widened=w) for e, w in pairs))
 
     @property
     def certain(self) -> bool:

@@ -38,8 +38,8 @@ def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
             probability = combined(kind.chances(left))
             found.append(Leftover(kind.name, station, probability, float(np.sum(z**2) - len(z))))
     # no effect of the registry makes codes uneven
-    told = ((station, codes) for station, codes in enumerate(c.codes) if codes is not None)
-    found += [Leftover('codes', station, codes.probability, codes.excess) for station, codes in told]
+    judged = ((station, codes) for station, codes in enumerate(c.codes) if codes is not None)
+    found += [Leftover('codes', station, codes.probability, codes.excess) for station, codes in judged]
     count = len(found)
     found = [dataclasses.replace(f, probability=min(1.0, count * f.probability)) for f in found]
     return sorted(found, key=lambda f: f.probability)

@@ -1,4 +1,4 @@
-"""Explanations that fit a recording nearly as well as the one put first: what its data cannot tell apart."""
+"""Explanations that fit a recording nearly as well as the one put first: which its data cannot separate."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from .search import RIVAL, Search
 def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
     """Return the explanations that fit nearly as well as one, best first.
 
-    What one effect can be exchanged for, several can be exchanged for at once: if neither of two oscillators is told
-    from the other station's, four explanations are one answer.
+    Several effects can be exchanged at once: if neither of two oscillators can be separated from that of the other
+    station, four explanations are one answer.
 
     Args:
         search: of the recording.
@@ -43,16 +43,16 @@ def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:
     if not places:
         return fitted
     shares = np.exp([min(0.5 * (fitted.misfit - other.misfit), 0.0) for other in places])
-    told = []
+    widened_effects = []
     for effect in fitted.effects:
         same = [_nearest(effect, other) for other in places]
-        told.append(dict(effect.told))
+        widened_effects.append(dict(effect.widened))
         for name, std in effect.stds.items():
-            if name not in effect.told:
+            if name not in effect.widened:
                 squares = np.array([(e.values[name] - effect.values[name]) ** 2 + e.stds[name] ** 2 for e in same])
                 variance = (std**2 + shares @ squares) / (1.0 + shares.sum())
-                told[-1][name] = effect.values[name], float(np.sqrt(variance))
-    return fitted.with_told(told)
+                widened_effects[-1][name] = effect.values[name], float(np.sqrt(variance))
+    return fitted.with_widened(widened_effects)
 
 
 def _nearest(effect: FittedEffect, other: Fitted) -> FittedEffect:

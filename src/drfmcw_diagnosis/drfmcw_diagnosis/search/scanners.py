@@ -20,7 +20,7 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_sim.effects import Recipe
 
 from ..compare.comparison import Comparison
-from ..features.extractor import BURST, HARMONICS, LINE, SPAN
+from ..features.limits import SPECTRUM
 
 _HANN = 2.0  # resolution cells that a Hann window's line is wide, half of it
 _FINE = 8  # transform bins per resolution cell
@@ -171,7 +171,7 @@ def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
     z = residual[c.entries.where(kind='lines')].reshape(len(c.members), -1, c.measured.lines.shape[-1])
     bins = z.shape[-1]
     width = c.data.sweeps[0][0].sample_rate / 2 / (bins - 1)
-    distance = np.arange(LINE, min(bins - 1, int(_LONGEST * _per_metre(c) / width)))
+    distance = np.arange(SPECTRUM.line, min(bins - 1, int(_LONGEST * _per_metre(c) / width)))
     score = np.zeros(len(distance))
     for group, sweeps in zip(z, c.sweeps, strict=True):
         for spectrum, line in zip(group, sweeps.line.mean(axis=0) / width, strict=True):
@@ -266,7 +266,7 @@ def _even_harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: R
 
     A line of amplitude A has one of c A / 2 relative to itself, at its own phase; least squares over all groups.
     """
-    order, overlap, power = HARMONICS.index(2), 0.0, 0.0
+    order, overlap, power = SPECTRUM.harmonics.index(2), 0.0, 0.0
     for i in range(len(c.receivers)) if station < 0 else (station,):
         z = residual[c.entries.where(kind='harmonic', station=i)].reshape(len(c.members), -1)[:, order]
         full_scale = float(np.median(c.data.full_scale[c.heard[i]]))
@@ -305,11 +305,11 @@ def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
 def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
     """Return p-values of third harmonics at the line's phase that grow with the line as those of a distortion do."""
     groups = len(c.members)
-    z = residual[c.entries.where(kind='harmonic', station=station)].reshape(groups, -1)[:, HARMONICS.index(3)]
+    z = residual[c.entries.where(kind='harmonic', station=station)].reshape(groups, -1)[:, SPECTRUM.harmonics.index(3)]
     line = 10.0 ** ((c.measured.amplitude[:, station] - c.measured.amplitude[:, station].max()) / 20.0)
     chances = []
     for power in _GROWTH:
-        expected = np.where(z != 0.0, line**power / c.std.harmonic[:, station, HARMONICS.index(3)], 0.0)
+        expected = np.where(z != 0.0, line**power / c.std.harmonic[:, station, SPECTRUM.harmonics.index(3)], 0.0)
         if expected.any():
             chances.append(float(2.0 * stats.norm.sf(abs(expected @ z) / np.linalg.norm(expected))))
     return chances
@@ -326,14 +326,14 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
     shares, levels, lengths, steady = [], [], [], []
     for features in c.sweeps:
         quiet = features.quiet[:, station]
-        loud = quiet > BURST * np.median(quiet)
+        loud = quiet > SPECTRUM.burst * np.median(quiet)
         shares.append(loud.any(axis=1))
         levels.append(quiet[loud] - np.median(quiet))
         lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
         steady.append(np.median(quiet))
     share = float(np.mean(np.concatenate(shares)))
     sweep = c.data.sweeps[0][c.heard[station]]
-    bandwidth = 2.0 * LINE / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
+    bandwidth = 2.0 * SPECTRUM.line / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
     full_scale = float(np.median(c.data.full_scale[c.heard[station]]))
 
     def level(power: float) -> float:
@@ -342,7 +342,7 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
     found: list[tuple[float, ...]] = []
     if share > 0.0:
         power = float(np.mean(np.concatenate(levels)))
-        duration = float(np.mean(np.concatenate(lengths))) * SPAN / sweep.sample_rate
+        duration = float(np.mean(np.concatenate(lengths))) * SPECTRUM.span / sweep.sample_rate
         found = [
             (min(share * more, 1.0), level(power) + higher, duration)
             for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))

@@ -44,7 +44,7 @@ class Dca1000Format(Format):
 
     @classmethod
     def takes(cls, paths: Sequence[Path]) -> bool:
-        """Return False: the name .bin does not tell it from any other raw file."""
+        """Return False: the name .bin does not distinguish it from other raw files."""
         return False
 
     def facts(self, paths: Sequence[Path]) -> dict[str, dict[str, Any]]:

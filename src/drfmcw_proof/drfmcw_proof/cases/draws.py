@@ -25,7 +25,7 @@ def random_condition(random: np.random.Generator, extent: Extent, **changes: Any
     """Return a condition like those of the practice recordings: every number varies, the layout is theirs."""
     n = extent.settings
     fixed = np.array([38, 75, 111, 157, 230, 307, 402, 501, 598, 680, 760, 852, 931, 1001], float)
-    places = np.interp(np.linspace(0.0, 13.0, n), np.arange(14.0), fixed)
+    centres = np.interp(np.linspace(0.0, 13.0, n), np.arange(14.0), fixed)
     air = random.uniform(5.0, 25.0, n)
     boards = [air + random.uniform(5.0, 15.0, n) for _ in range(2)]
     calibrated = random.random() < 0.5
@@ -46,7 +46,7 @@ def random_condition(random: np.random.Generator, extent: Extent, **changes: Any
         )
     condition = Condition(
         seed=int(random.integers(2**62)),
-        distances=floats(places + random.uniform(-4.0, 4.0, n)),
+        distances=floats(centres + random.uniform(-4.0, 4.0, n)),
         air_temperature=floats(air),
         air_pressure=floats(random.uniform(99e3, 104e3, n)),
         air_humidity=floats(random.uniform(0.1, 0.9, n)),

@@ -34,8 +34,8 @@ def _missing_codes(scene: Scene, stations: tuple[int, ...], p: Parameters) -> No
     width = int(p['width'])
 
     def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
-        place = np.mod(codes, 2 * width)
-        return np.where(place < width, codes + (width - place), codes).astype(np.int16)
+        position = np.mod(codes, 2 * width)
+        return np.where(position < width, codes + (width - position), codes).astype(np.int16)
 
     for s in stations:
         scene.digital[s].append(hook)
@@ -116,9 +116,9 @@ def _dropped_samples(scene: Scene, stations: tuple[int, ...], p: Parameters) -> 
     """The interface to the converter loses samples at one point; the rest moves up and the last one is repeated."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
-        place, count = int(p['time'] * scene.condition.sample_rate), int(p['count'])
+        position, count = int(p['time'] * scene.condition.sample_rate), int(p['count'])
         kept = np.arange(codes.shape[1])
-        kept = np.minimum(np.where(kept < place, kept, kept + count), codes.shape[1] - 1)
+        kept = np.minimum(np.where(kept < position, kept, kept + count), codes.shape[1] - 1)
         return codes[:, kept]
 
     for s in stations:

@@ -244,9 +244,9 @@ def _interference_burst(scene: Scene, stations: tuple[int, ...], p: Parameters) 
         x = x.copy()
         for i, row in enumerate(rows):
             random = scene.stream(Stream.EFFECT, _BURST, station, int(row))
-            hit, place = random.random(2)
+            hit, position = random.random(2)
             if hit < p['probability']:
-                t = np.arange(x.shape[1]) - place * x.shape[1]
+                t = np.arange(x.shape[1]) - position * x.shape[1]
                 inside = (t >= 0.0) & (t < length)
                 x[i, inside] += (std * random.standard_normal(int(inside.sum()))).astype(x.dtype)
         return x

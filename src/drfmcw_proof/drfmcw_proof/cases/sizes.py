@@ -167,10 +167,10 @@ def _is_heard(before: Scene, after: Scene, station: int) -> bool:
 class _Changes:
     """Relative changes [rows, samples] of both stations."""
 
-    first: list[np.ndarray]  # under one realisation of the noise, the mean over phases that nobody knows
+    first: list[np.ndarray]  # under one realisation of the noise, the mean over unknown phases
     again: list[np.ndarray]  # under another
     supports: np.ndarray  # bool [2, rows, samples], where signals are on
-    own: list[np.ndarray] | None  # deviations from that mean at phases that nobody knows [turns, rows, samples], after
+    own: list[np.ndarray] | None  # differences from that mean at unknown phases [turns, rows, samples], after
     own_before: list[np.ndarray] | None
 
 
@@ -194,8 +194,8 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
             pair = [smooth + _relative(np.mean(changed - plain, axis=0), new, on) for plain, changed in heard]
         for is_turning, found, which in zip(turning, (own_before, own), (0, 1), strict=True):
             if is_turning:
-                deviations = [x[which] - np.mean(x[which], axis=0) for x in heard]
-                found.append(_relative(np.concatenate(deviations), new, on))
+                differences = [x[which] - np.mean(x[which], axis=0) for x in heard]
+                found.append(_relative(np.concatenate(differences), new, on))
             else:
                 found.append(np.zeros((_TURNS, *new.shape), complex))
         first.append(pair[0])
@@ -311,8 +311,8 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
         mean = 0.5 * (fit + fit_other)
         speed = SPEED_OF_LIGHT / (1.0 + 1e-6 * before.refractivity[rows])
         error = speed * mean[:, _FLIGHT] - reference[rows]
-        deviation = speed**2 * spread[:, _FLIGHT, _FLIGHT] + condition.reference_std**2
-        ranging += weight * float(np.sum(error**2 / deviation))
+        variance = speed**2 * spread[:, _FLIGHT, _FLIGHT] + condition.reference_std**2
+        ranging += weight * float(np.sum(error**2 / variance))
         common = _NEPER * 0.5 * (mean[:, 0] + mean[:, 1])
         amplitude += weight * float(np.sum(common**2)) / max(condition.amplitude_scatter, 1e-3) ** 2
         balance += weight * float(np.sum(_against(mean, spread, _AMPLITUDES, -1.0)))
@@ -322,9 +322,9 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
     return MatchedSize(*(math.sqrt(x) for x in (shape, ranging, amplitude, noise, phase, balance)))
 
 
-def _against(fit: np.ndarray, spread: np.ndarray, places: tuple[int, int], sign: float) -> np.ndarray:
+def _against(fit: np.ndarray, spread: np.ndarray, columns: tuple[int, int], sign: float) -> np.ndarray:
     """Return the squared significance of x_a + sign x_b [rows]."""
-    a, b = places
+    a, b = columns
     variance = spread[:, a, a] + spread[:, b, b] + 2.0 * sign * spread[:, a, b]
     return (fit[:, a] + sign * fit[:, b]) ** 2 / variance
 
@@ -355,9 +355,9 @@ def _of_own_phases(change: _Changes, precision: np.ndarray, weighted: np.ndarray
     taken = _products(weighted, own)
     gram = _products(own, by_precision) - np.einsum('rqk,rqp,rpl->rkl', taken, spread, taken)
     values, vectors = np.linalg.eigh(gram)
-    places = np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2) / math.sqrt(_TURNS)
-    parts = [places[:, :, i * _TURNS : (i + 1) * _TURNS] for i in range(len(sets))]
-    covariances = [np.eye(places.shape[1]) + x @ np.swapaxes(x, 1, 2) for x in parts]
+    factors = np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2) / math.sqrt(_TURNS)
+    parts = [factors[:, :, i * _TURNS : (i + 1) * _TURNS] for i in range(len(sets))]
+    covariances = [np.eye(factors.shape[1]) + x @ np.swapaxes(x, 1, 2) for x in parts]
     if len(sets) == 2:
         root = np.linalg.inv(np.linalg.cholesky(covariances[1]))
         covariances[0] = root @ covariances[0] @ np.swapaxes(root, 1, 2)
@@ -404,7 +404,7 @@ def _mixture_divergence(chance: float, shift: float) -> float:
 
 
 def _scaled_parameter(template: Applied) -> str:
-    """Return the parameter that makes an effect larger: that of its kind, or what stands in its place."""
+    """Return the parameter that makes an effect larger: that of its kind, or what stands for it."""
     instead = {'reference_clock_drift': 'warmup', 'amplitude_loss': 'specific'}.get(template.effect)
     if instead is not None and instead in template.parameters:
         return instead

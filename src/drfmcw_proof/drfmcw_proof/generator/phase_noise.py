@@ -26,8 +26,8 @@ def phase_noise_density(frequency: np.ndarray, level: float, corner: float, shap
     if shape.kind == 'flank':
         density = density * (1.0 + (shape.value / np.maximum(frequency, 900.0)) ** 3)
     elif shape.kind == 'bump':
-        place = 1.5 * corner
-        density = density * (1.0 + (10.0 ** (shape.value / 10.0) - 1.0) / (1.0 + ((frequency - place) / 4e4) ** 2))
+        centre = 1.5 * corner
+        density = density * (1.0 + (10.0 ** (shape.value / 10.0) - 1.0) / (1.0 + ((frequency - centre) / 4e4) ** 2))
     elif shape.kind == 'plateau':
         density = density * 10.0 ** (shape.value / 10.0)
     elif shape.kind not in ('one_pole', 'corner', 'aliased'):

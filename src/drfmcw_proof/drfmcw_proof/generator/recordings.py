@@ -83,9 +83,9 @@ def write_recording(scene: Scene, path: Path | str, progress: Callable[[int], No
         readings = scene.reference()
         for rows in chunks(scene):
             samples = render_chunk(scene, rows)
-            for place, row in enumerate(rows):
+            for index, row in enumerate(rows):
                 _write_settings(out, scene, int(row), stamps)
-                _write_sweep(out, scene, int(row), int(stamps[row]), (samples[0][place], samples[1][place]), readings)
+                _write_sweep(out, scene, int(row), int(stamps[row]), (samples[0][index], samples[1][index]), readings)
             if progress is not None:
                 progress(int(rows[-1]) + 1)
 

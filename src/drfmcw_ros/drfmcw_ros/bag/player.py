@@ -17,13 +17,14 @@ from drfmcw_msgs.msg import BeatFrequency
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from drfmcw_physics.settings import ConfigurationError
 
 from .. import qos
 from ..diagnostics import WARN, Diagnostics, Status
 from ..messages import NANOSECONDS, message_class
+from ..progress import Progress
 from ..topics import STATION_TOPICS, is_latched, is_measured, split_station_topic
 from .files import BagReader, typestore
 
@@ -137,7 +138,7 @@ def _play(node: PlayerNode, bag: BagReader, arguments: argparse.Namespace) -> No
     total = bag.message_count * arguments.loop or None
     columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console) as progress:
         task = progress.add_task('playing', total=total)
         began = time.monotonic()
         skipped = 0.0  # recorded time cut out of long pauses [s]

@@ -16,10 +16,11 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class AcCoupling(Effect, name='ac_coupling', of=Of.STATION):
-    """First-order high-pass between mixer and amplifier, at rest as the record begins; noise passes it too.
+    """First-order high-pass between mixer and amplifier, at rest when a record begins. It filters signal and noise.
 
-    What the capacitor holds, a first-order low-pass, is taken off. It is discretised as that of `if_filter`. The
-    record's spectrum is padded with as many zeros; what is left of the exponential after these is taken out.
+    The filter subtracts the capacitor's voltage, which is the output of a first-order low-pass. The low-pass is
+    discretised as in `if_filter`, with the record padded by as many zeros. The exponential that the padding does not
+    let decay is subtracted.
     """
 
     title = 'AC coupling'
@@ -29,7 +30,7 @@ class AcCoupling(Effect, name='ac_coupling', of=Of.STATION):
     stage = Stage.FILTER
     recipes = (Recipe('', {}, {'pole': 2e4}, {'pole': geometric(1e3, 1e6, 10)}),)
 
-    pole: float = parameter(unit='Hz', bounds=(0.0, 1e9), description='frequency at which the power is halved')
+    pole: float = parameter(unit='Hz', bounds=(0.0, 1e9), description='frequency at which the filter halves the power')
 
     def receive(
         self,
@@ -46,7 +47,7 @@ class AcCoupling(Effect, name='ac_coupling', of=Of.STATION):
         period = fft.next_fast_len(2 * count, real=True)
         frequency = np.arange(period // 2 + 1) * (rate / period)
         response = (1.0 / (1.0 + 1j * frequency / self.pole)).astype(np.complex64)
-        # the circle's next turn begins with what an amplitude at mid-padding has become
+        # the transform is periodic: its next period begins with what is left of the voltage at mid-padding
         middle = (count + period) // 2
         later = np.arange(period - middle, period - middle + count) / rate
         fading = np.exp(-2.0 * np.pi * self.pole * later).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The air on the path is not what the weather station says."""
+"""The air on the path differs from that at the weather station."""
 
 import dataclasses
 
@@ -13,14 +13,16 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class AirRefractivity(Effect, name='air_refractivity', of=Of.PATH):
-    """Offset of the path's refractivity from that of the measured weather (gradients, a sensor in the sun)."""
+    """Difference between the path's refractivity and that of the measured weather (gradients, a sensor in the sun)."""
 
     acts_on = ActsOn.DELAY
     formula = 'n → n + 10⁻⁶ offset; τ → τ + 10⁻⁶ offset R / c, 1 N-unit is 1 mm per km'
     example = {'offset': 10.0}
     recipes = (Recipe('offset', {'offset': 1.0}, {'offset': 100.0}),)
 
-    offset: float = parameter(unit='1e-6', bounds=(-500.0, 500.0), description='in N-units, added to the refractivity')
+    offset: float = parameter(
+        unit='1e-6', bounds=(-500.0, 500.0), description='difference in N-units, added to the refractivity'
+    )
 
     def prepare(self, m: Measurements) -> None:
         """Slow down the light on every path."""

@@ -1,4 +1,4 @@
-"""Less signal than the link budget says."""
+"""The received signal is weaker than the link budget predicts."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class AmplitudeLoss(Effect, name='amplitude_loss', of=Of.PATH):
-    """Loss of the path beyond free space: constant (alignment), per distance (rain), or both."""
+    """Loss of the path in addition to that of free space: constant (alignment), per distance (rain), or both."""
 
     acts_on = ActsOn.AMPLITUDE
     formula = 'P_rx → P_rx − loss − specific R'
@@ -24,8 +24,8 @@ class AmplitudeLoss(Effect, name='amplitude_loss', of=Of.PATH):
         Recipe('specific', {'specific': 0.3}, {'specific': 20.0}),
     )
 
-    loss: float = parameter(0.0, unit='dB', bounds=(-60.0, 200.0), description='at every distance')
-    specific: float = parameter(0.0, unit='dB/km', bounds=(-100.0, 1000.0), description='in proportion to the distance')
+    loss: float = parameter(0.0, unit='dB', bounds=(-60.0, 200.0), description='loss at every distance')
+    specific: float = parameter(0.0, unit='dB/km', bounds=(-100.0, 1000.0), description='loss per distance')
 
     def prepare(self, m: Measurements) -> None:
         """Lower the received power."""

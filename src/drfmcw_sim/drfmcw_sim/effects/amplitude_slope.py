@@ -12,7 +12,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class AmplitudeSlope(Effect, name='amplitude_slope', of=Of.STATION):
-    """Gain that changes with the frequency (antenna, mixer), over all paths; the receiver's noise is not changed."""
+    """Gain that changes with the frequency (antenna, mixer), for all paths. The receiver's noise stays the same."""
 
     acts_on = ActsOn.AMPLITUDE
     formula = "P_rx → P_rx − slope t / T, t the station's own time since its ramp starts"
@@ -22,7 +22,7 @@ class AmplitudeSlope(Effect, name='amplitude_slope', of=Of.STATION):
     slope: float = parameter(
         unit='dB',
         bounds=(-60.0, 60.0),
-        description="by which the received signal falls, linearly in dB, from the ramp's start to its end",
+        description="loss of the received signal from the ramp's start to its end, linear in dB",
     )
 
     def prepare(self, m: Measurements) -> None:

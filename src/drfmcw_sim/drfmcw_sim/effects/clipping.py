@@ -15,7 +15,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class Clipping(Effect, name='clipping', of=Of.STATION):
-    """Hard limit in front of the ADC, of I and Q each in a quadrature receiver."""
+    """Hard limit in front of the ADC. In a quadrature receiver it limits I and Q separately."""
 
     acts_on = ActsOn.SAMPLES
     formula = 'x → max(−L, min(x, L)), L = 10^(level / 20) of full scale'
@@ -36,7 +36,7 @@ class Clipping(Effect, name='clipping', of=Of.STATION):
     )
 
     level: float = parameter(
-        unit='dBFS', bounds=(-200.0, 100.0), description='limit; the amplitude of a full-scale sine is 0 dBFS'
+        unit='dBFS', bounds=(-200.0, 100.0), description='limit; a full-scale sine has an amplitude of 0 dBFS'
     )
 
     def receive(

@@ -1,4 +1,4 @@
-"""The clocks of a station: all are made from its reference oscillator."""
+"""The clocks of a station: its reference oscillator drives them all."""
 
 import numpy as np
 

@@ -15,7 +15,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class Compression(Effect, name='compression', of=Of.STATION):
-    """Third-order curve of the IF amplifier, for I and Q each; its harmonics alias as those of hardware do."""
+    """Third-order characteristic of the IF amplifier, for I and Q separately. Its harmonics alias as in hardware."""
 
     acts_on = ActsOn.SAMPLES
     formula = 'x → x − third_order x³, x = 1 at full scale; an amplitude A loses ¾ c A³ and gains ¼ c A³ at 3f'
@@ -35,7 +35,7 @@ class Compression(Effect, name='compression', of=Of.STATION):
         ),
     )
 
-    third_order: float = parameter(bounds=(-100.0, 100.0), description='c; positive compresses')
+    third_order: float = parameter(bounds=(-100.0, 100.0), description='coefficient c; a positive one compresses')
 
     def receive(
         self,
@@ -44,5 +44,5 @@ class Compression(Effect, name='compression', of=Of.STATION):
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Apply the curve."""
+        """Apply the characteristic."""
         signal -= np.float32(self.third_order / station.full_scale**2) * (signal * signal * signal)

@@ -1,4 +1,4 @@
-"""A constant delay that nobody calibrated."""
+"""The path has a constant delay that the calibration leaves out."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class DelayOffset(Effect, name='delay_offset', of=Of.PATH):
-    """Delay of the whole path beyond the calibrated one (a longer cable)."""
+    """Constant delay of the whole path in addition to the calibrated one (a longer cable)."""
 
     acts_on = ActsOn.DELAY
     formula = 'τ → τ + 10⁻⁹ delay'

@@ -12,7 +12,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class DelayTemperature(Effect, name='delay_temperature', of=Of.STATION):
-    """Linear temperature coefficient of a station's delay, zero at the calibration temperature."""
+    """Delay of a station in proportion to its board temperature minus the calibration temperature."""
 
     acts_on = ActsOn.DELAY
     formula = 'τ → τ + 10⁻¹² slope (board temperature − calibration temperature)'
@@ -20,7 +20,7 @@ class DelayTemperature(Effect, name='delay_temperature', of=Of.STATION):
     recipes = (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),)
 
     slope: float = parameter(
-        unit='ps/K', bounds=(-1e4, 1e4), description='of the delay over board temperature, zero at calibration'
+        unit='ps/K', bounds=(-1e4, 1e4), description='change of the delay per kelvin of board temperature'
     )
 
     def prepare(self, m: Measurements) -> None:

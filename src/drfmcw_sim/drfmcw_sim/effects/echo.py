@@ -1,4 +1,4 @@
-"""A second, longer path."""
+"""The signal also arrives over a second, longer path."""
 
 import dataclasses
 import math
@@ -14,7 +14,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class Echo(Effect, name='echo', of=Of.PATH):
-    """A reflector beside the direct path, at constant excess range; its carrier phase is its length's and its own."""
+    """Reflector with a constant excess range. Its carrier phase is that of its length plus its own."""
 
     acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
     formula = (
@@ -43,13 +43,15 @@ class Echo(Effect, name='echo', of=Of.PATH):
         ),
     )
 
-    excess_range: float = parameter(unit='m', bounds=(0.0, 1e5), description='length beyond the direct path')
+    excess_range: float = parameter(
+        unit='m', bounds=(0.0, 1e5), description='length in addition to that of the direct path'
+    )
     relative_power: float = parameter(unit='dB', bounds=(-200.0, 20.0), description='power relative to the direct path')
     phase: float = parameter(
         0.0,
         unit='rad',
         bounds=(-10.0, 10.0),
-        description='by which the reflector delays the carrier, beyond what the length does',
+        description='phase by which the reflector itself delays the carrier',
     )
 
     def prepare(self, m: Measurements) -> None:

@@ -14,16 +14,16 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class FrequencyModulation(Effect, name='frequency_modulation', of=Of.STATION):
-    """Sine that is not locked to the sweep (mains hum, vibration), in Hz of true time; its phase is random."""
+    """Sinusoidal frequency error in true time, not locked to the sweep (mains hum, vibration). Its phase is random."""
 
     acts_on = ActsOn.PHASE
     formula = 'δf(u) = deviation sin(2π rate u + ψ), ψ uniform in each sweep, the same for both receivers'
     example = {'deviation': 200.0, 'rate': 5000.0}
 
     deviation: float = parameter(unit='Hz', bounds=(-1e8, 1e8), description='peak of the frequency error')
-    rate: float = parameter(unit='Hz', bounds=(1e-3, 1e9), description='of the sine')
+    rate: float = parameter(unit='Hz', bounds=(1e-3, 1e9), description='frequency of the sine')
 
     def draw(self, station: Station, streams: Callable[[], list[np.random.Generator]]) -> None:
-        """Draw the sine's phases."""
+        """Draw the phases of the sine."""
         phase = 2.0 * np.pi * np.array([generator.random() for generator in streams()])
         station.modulations += (Modulation(self.deviation, self.rate, phase),)

@@ -1,4 +1,4 @@
-"""The second ray, reflected by the ground."""
+"""The ground reflects a second ray."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class GroundReflection(Effect, name='ground_reflection', of=Of.PATH):
-    """Two-ray model over flat ground: a longer path with reversed sign that changes with the distance."""
+    """Two-ray model over flat ground: a longer path with reversed sign. Its excess range changes with distance."""
 
     acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
     formula = 'second path of length √(R² + 4 h₁h₂), amplitude −coefficient relative to the direct path'

@@ -1,4 +1,4 @@
-"""The IF path is a low-pass."""
+"""The IF path filters out high frequencies."""
 
 import dataclasses
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class IfFilter(Effect, name='if_filter', of=Of.STATION):
-    """First-order low-pass between mixer and amplifier, for signal, leakage and noise alike, or all but the noise.
+    """First-order low-pass between mixer and amplifier. It filters signal and leakage, and by default the noise.
 
-    Discretised by its analogue response H(f) at every frequency up to Nyquist, on the spectrum of the record padded
-    with as many zeros: exact for what is sampled without aliasing, whatever the pole, also above Nyquist. A cut-off
-    at Nyquist rings: n samples from a step of the signal by |Im H(f_s/2)| / (pi n) of the step.
+    The record is padded with as many zeros, and its spectrum is multiplied by the analogue response H(f) up to the
+    Nyquist frequency. This is exact for signals without aliasing, even if the pole lies above the Nyquist frequency.
+    The cut-off there rings: n samples after a step of the signal, the error is |Im H(f_s/2)| / (pi n) of the step.
     """
 
     title = 'IF filter'
@@ -30,11 +30,13 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
     stage = Stage.FILTER
     recipes = (Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),)
 
-    pole: float = parameter(unit='Hz', bounds=(1e3, 1e18), description='frequency at which the power is halved')
-    noise_behind: bool = parameter(False, description="the receiver's noise enters behind the filter, not ahead of it")
+    pole: float = parameter(unit='Hz', bounds=(1e3, 1e18), description='frequency at which the filter halves the power')
+    noise_behind: bool = parameter(
+        False, description="true if the receiver's noise enters behind the filter, which then does not filter it"
+    )
 
     def prepare(self, m: Measurements) -> None:
-        """Say where the noise enters."""
+        """Set where the noise enters."""
         for station in self.own_stations(m):
             station.noise_behind |= self.noise_behind
 

@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
-    """In some sweeps a burst of white noise, its start uniform over the record, cut off at the record's end."""
+    """Burst of white noise in some sweeps. Its start is uniform over the record, whose end cuts it off."""
 
     acts_on = ActsOn.NOISE
     formula = 'x → x + s 10^(level / 20) √½ w(t) for t₀ ≤ t < t₀ + duration, w white with unit variance, s full scale'
@@ -36,11 +36,11 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
         ),
     )
 
-    probability: float = parameter(bounds=(0.0, 1.0), description='of a burst in a sweep')
+    probability: float = parameter(bounds=(0.0, 1.0), description='probability that a sweep holds a burst')
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 40.0), description='power of the burst; that of a full-scale sine is 0 dBFS'
     )
-    duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='of a burst')
+    duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='length of a burst')
 
     def receive(
         self,
@@ -49,7 +49,7 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Add the bursts, to I and Q independent ones."""
+        """Add the bursts; those in I and Q are independent."""
         if self.probability == 0.0:
             return
         count = station.sweep.sample_count

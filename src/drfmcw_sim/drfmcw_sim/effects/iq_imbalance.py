@@ -1,4 +1,4 @@
-"""I and Q of the receiver are not alike."""
+"""I and Q of the receiver differ in gain or phase."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class IqImbalance(Effect, name='iq_imbalance', of=Of.STATION):
-    """Gain and phase by which Q differs from I turned by 90 degrees: an image at -f. A real IF is left as it is."""
+    """Error of Q against I turned by 90 degrees, in gain and phase: an image at -f. A real IF does not change."""
 
     title = 'IQ imbalance'
     acts_on = ActsOn.SAMPLES
@@ -23,9 +23,12 @@ class IqImbalance(Effect, name='iq_imbalance', of=Of.STATION):
     example = {'gain': 0.5, 'phase': 2.0}
     stage = Stage.FILTER
 
-    gain: float = parameter(0.0, unit='dB', bounds=(-60.0, 60.0), description='of Q over I')
+    gain: float = parameter(0.0, unit='dB', bounds=(-60.0, 60.0), description='gain of Q over that of I')
     phase: float = parameter(
-        0.0, unit='deg', bounds=(-90.0, 90.0), description='of Q beyond 90 degrees behind I, as cos(D - 90 deg - phase)'
+        0.0,
+        unit='deg',
+        bounds=(-90.0, 90.0),
+        description='lag of Q behind I in addition to 90 degrees: Q is cos(D - 90 deg - phase)',
     )
 
     def receive(

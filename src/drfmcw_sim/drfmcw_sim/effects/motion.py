@@ -1,4 +1,4 @@
-"""How motion of the crane changes the paths, and what the slant between antennas makes of it."""
+"""How motion of the crane and the slant between the antennas change the paths."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""More additive noise than the station reports."""
+"""The receiver adds more noise than the station reports."""
 
 import dataclasses
 
@@ -12,14 +12,16 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class NoiseFloor(Effect, name='noise_floor', of=Of.STATION):
-    """Excess of the additive noise over the calibrated floor."""
+    """Additive noise in excess of the calibrated noise floor."""
 
     acts_on = ActsOn.NOISE
     formula = 'noise density → noise density + excess'
     example = {'excess': 3.0}
     recipes = (Recipe('', {}, {'excess': 10.0}, {'excess': (-1.0, 1.0, 6.0)}, steps={'excess': 0.05}, together=True),)
 
-    excess: float = parameter(unit='dB', bounds=(-60.0, 100.0), description='over the calibrated noise floor')
+    excess: float = parameter(
+        unit='dB', bounds=(-60.0, 100.0), description='power over that of the calibrated noise floor'
+    )
 
     def prepare(self, m: Measurements) -> None:
         """Raise the density."""

@@ -14,7 +14,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class PhaseNoise(Effect, name='phase_noise', of=Of.STATION):
-    """True phase noise in place of the reported one: its level, its corner, or both."""
+    """Phase noise that replaces the reported one: its level, its corner, or both."""
 
     acts_on = ActsOn.NOISE
     formula = 'L(f) = L₀ / (1 + (f / corner)²), L(100 kHz) = level'
@@ -38,17 +38,21 @@ class PhaseNoise(Effect, name='phase_noise', of=Of.STATION):
         unit='dBc/Hz',
         bounds=(-250.0, 0.0),
         nan_means='as reported',
-        description='single side-band at 100 kHz',
+        description='single-sideband level at 100 kHz',
     )
     corner: float = parameter(
-        math.nan, unit='Hz', bounds=(100.0, 1e9), nan_means='as reported', description='corner of the one-pole shape'
+        math.nan,
+        unit='Hz',
+        bounds=(100.0, 1e9),
+        nan_means='as reported',
+        description='corner frequency of the one-pole shape',
     )
 
     def prepare(self, m: Measurements) -> None:
         """Replace the oscillator's noise.
 
         Raises:
-            ConfigurationError: one of the two left out at a station without phase noise.
+            ConfigurationError: level or corner is missing, and the station reports no phase noise.
         """
         if math.isnan(self.level) and math.isnan(self.corner):
             return

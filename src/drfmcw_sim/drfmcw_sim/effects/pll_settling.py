@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class PllSettling(Effect, name='pll_settling', of=Of.STATION):
-    """Damped oscillation of a second-order loop after the frequency error step at the start of the ramp."""
+    """Damped oscillation of a second-order loop, which begins with a step of the frequency at the start of the ramp."""
 
     title = 'PLL settling'
     acts_on = ActsOn.PHASE
@@ -33,8 +33,8 @@ class PllSettling(Effect, name='pll_settling', of=Of.STATION):
     )
 
     step: float = parameter(unit='Hz', bounds=(-1e9, 1e9), description='frequency error at the start of the ramp')
-    natural_frequency: float = parameter(unit='Hz', bounds=(10.0, 1e9), description='f_n of the loop')
-    damping: float = parameter(bounds=(0.0, 1.0), description='d of the loop; 1 is critical as the formula stands')
+    natural_frequency: float = parameter(unit='Hz', bounds=(10.0, 1e9), description='natural frequency fₙ of the loop')
+    damping: float = parameter(bounds=(0.0, 1.0), description='damping d of the loop; 1 is critical in this formula')
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:
         """Return the integral of the frequency error over the station's own time [rad]."""

@@ -11,10 +11,10 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class RampWindow(Effect, name='ramp_window', of=Of.STATION):
-    """Dead time and fly-back: outside the window no receiver sees this station's ramp, neither as own nor as peer's."""
+    """Dead time and fly-back: outside the window neither receiver of the pair sees this station's ramp."""
 
     acts_on = ActsOn.AMPLITUDE
-    formula = 'f(t) = f₀ + k t for start ≤ t ≤ end, t in the own clock; no IF of it outside'
+    formula = 'f(t) = f₀ + k t for start ≤ t ≤ end, t in the own clock; outside there is no IF of it'
     example = {'start': 5e-5, 'end': 9.5e-4}
 
     start: float = parameter(0.0, unit='s', bounds=(0.0, 100.0), description="of the window, from the sweep's start")

@@ -14,16 +14,18 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
-    """Exponential in the IF from the sweep's start (a switched amplifier, a capacitor), alike in each sweep."""
+    """Exponential in the IF from the sweep's start (a switched amplifier, a capacitor), the same in each sweep."""
 
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) exp(−t / time_constant), s full scale'
     example = {'level': -30.0, 'time_constant': 1e-4}
 
     level: float = parameter(
-        unit='dBFS', bounds=(-200.0, 40.0), description="of the exponential at the sweep's start; full scale is 0 dBFS"
+        unit='dBFS', bounds=(-200.0, 40.0), description="amplitude at the sweep's start; full scale is 0 dBFS"
     )
-    time_constant: float = parameter(unit='s', bounds=(1e-9, 1e3), description='in which it falls to 1/e')
+    time_constant: float = parameter(
+        unit='s', bounds=(1e-9, 1e3), description='time in which the exponential falls to 1/e'
+    )
 
     def receive(
         self,

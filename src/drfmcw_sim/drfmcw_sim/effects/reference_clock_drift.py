@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceClockDrift(Effect, name='reference_clock_drift', of=Of.STATION):
-    """Deviation of alpha that changes with time: steady drift from the start on, or warm-up to the calibrated value."""
+    """Error of alpha that changes with time: a steady drift from the start, or a warm-up to the calibrated value."""
 
     acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ (rate t / 3600 s + warmup exp(−t / time_constant)), t since the start'
@@ -31,11 +31,13 @@ class ReferenceClockDrift(Effect, name='reference_clock_drift', of=Of.STATION):
         ),
     )
 
-    rate: float = parameter(0.0, unit='ppm/h', bounds=(-100.0, 100.0), description='steady drift, zero at the start')
-    warmup: float = parameter(
-        0.0, unit='ppm', bounds=(-100.0, 100.0), description='deviation at the start that dies out as it warms up'
+    rate: float = parameter(
+        0.0, unit='ppm/h', bounds=(-100.0, 100.0), description='steady drift; alpha is the calibrated one at the start'
     )
-    time_constant: float = parameter(300.0, unit='s', bounds=(1.0, 1e6), description='of the warm-up')
+    warmup: float = parameter(
+        0.0, unit='ppm', bounds=(-100.0, 100.0), description='error at the start, which decays during the warm-up'
+    )
+    time_constant: float = parameter(300.0, unit='s', bounds=(1.0, 1e6), description='time constant of the warm-up')
 
     def prepare(self, m: Measurements) -> None:
         """Shift alpha and the ADC clock."""

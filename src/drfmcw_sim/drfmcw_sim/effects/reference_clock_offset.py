@@ -1,4 +1,4 @@
-"""The reference oscillator runs off its calibration."""
+"""The frequency of the reference oscillator differs from its calibration."""
 
 import dataclasses
 
@@ -13,14 +13,14 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceClockOffset(Effect, name='reference_clock_offset', of=Of.STATION):
-    """Constant deviation of the reference, added to the calibrated alpha; the ADC clock moves with it."""
+    """Constant error of the reference, added to the calibrated alpha. The ADC clock changes in proportion."""
 
     acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ deviation; ADC clock in proportion'
     example = {'deviation': 2.0}
     recipes = (Recipe('deviation', {'deviation': 0.2}, {'deviation': 20.0}),)
 
-    deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='added to the calibrated alpha')
+    deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='error, added to the calibrated alpha')
 
     def prepare(self, m: Measurements) -> None:
         """Shift alpha and the ADC clock."""

@@ -1,4 +1,4 @@
-"""The reference oscillator follows the board temperature."""
+"""The frequency of the reference oscillator follows the board temperature."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of=Of.STATION):
-    """Linear temperature coefficient of alpha, zero at the calibration temperature; the ADC clock moves with it."""
+    """Error of alpha in proportion to board temperature minus calibration temperature. The ADC clock follows."""
 
     acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ slope (board temperature − calibration temperature); ADC clock in proportion'
@@ -21,7 +21,7 @@ class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of=O
     recipes = (Recipe('slope', {'slope': 0.02}, {'slope': 1.0}),)
 
     slope: float = parameter(
-        unit='ppm/K', bounds=(-50.0, 50.0), description='of alpha over board temperature, zero at calibration'
+        unit='ppm/K', bounds=(-50.0, 50.0), description='change of alpha per kelvin of board temperature'
     )
 
     def prepare(self, m: Measurements) -> None:

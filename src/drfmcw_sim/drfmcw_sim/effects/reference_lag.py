@@ -1,4 +1,4 @@
-"""The reference is late."""
+"""The reference's readings are late."""
 
 import dataclasses
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceLag(Effect, name='reference_lag', of=Of.REFERENCE):
-    """The reference gives the distance of an earlier time; while the crane stands, nothing changes."""
+    """The reference reports the distance of an earlier time. While the crane stands, this changes nothing."""
 
     acts_on = ActsOn.REFERENCE
     formula = 'reading = R(t − lag), about R − v lag'
     example = {'lag': 0.1}
     recipes = (Recipe('lag', {'lag': 0.01}, {'lag': 2.0}),)
 
-    lag: float = parameter(unit='s', bounds=(-60.0, 60.0), description='age of the distance that is read')
+    lag: float = parameter(unit='s', bounds=(-60.0, 60.0), description='age of the distance that a reading reports')
 
     def reference_error(
         self,

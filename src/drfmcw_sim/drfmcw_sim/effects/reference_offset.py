@@ -21,7 +21,7 @@ class ReferenceOffset(Effect, name='reference_offset', of=Of.REFERENCE):
     example = {'offset': 0.01}
     recipes = (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),)
 
-    offset: float = parameter(unit='m', bounds=(-1e4, 1e4), description='added to each reading')
+    offset: float = parameter(unit='m', bounds=(-1e4, 1e4), description='error, added to each reading')
 
     def reference_error(
         self,

@@ -1,4 +1,4 @@
-"""The scale of the reference is off."""
+"""The reference has a wrong scale."""
 
 import dataclasses
 from collections.abc import Callable
@@ -14,14 +14,16 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceScale(Effect, name='reference_scale', of=Of.REFERENCE):
-    """Error of the reference instrument in proportion to the distance."""
+    """Error of the reference instrument, proportional to the distance."""
 
     acts_on = ActsOn.REFERENCE
     formula = 'reading = R (1 + 10⁻⁶ scale)'
     example = {'scale': 20.0}
     recipes = (Recipe('scale', {'scale': 2.0}, {'scale': 200.0}),)
 
-    scale: float = parameter(unit='ppm', bounds=(-1e5, 1e5), description='of the distance, added to each reading')
+    scale: float = parameter(
+        unit='ppm', bounds=(-1e5, 1e5), description='error over the distance, added to each reading'
+    )
 
     def reference_error(
         self,

@@ -1,4 +1,4 @@
-"""The ADC clock runs off its calibration."""
+"""The frequency of the ADC clock differs from its calibration."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class SampleClockOffset(Effect, name='sample_clock_offset', of=Of.STATION):
-    """Deviation of the ADC clock relative to its calibration; the chirp is not touched."""
+    """Relative error of the ADC clock against its calibration. The chirp does not change."""
 
     acts_on = ActsOn.CLOCK
     formula = 'ADC clock → ADC clock (1 + 10⁻⁶ deviation)'
@@ -26,9 +26,7 @@ class SampleClockOffset(Effect, name='sample_clock_offset', of=Of.STATION):
         ),
     )
 
-    deviation: float = parameter(
-        unit='ppm', bounds=(-500.0, 500.0), description='of the ADC clock from its calibration'
-    )
+    deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='relative error of the ADC clock')
 
     def prepare(self, m: Measurements) -> None:
         """Scale the ADC clock."""

@@ -1,4 +1,4 @@
-"""The receiver makes even harmonics."""
+"""The receiver generates even harmonics."""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class SecondOrderDistortion(Effect, name='second_order_distortion', of=Of.STATION):
-    """Second-order curve of the IF amplifier, for I and Q each; its harmonics alias as those of hardware do."""
+    """Second-order characteristic of the IF amplifier, for I and Q separately. Its harmonics alias as in hardware."""
 
     title = 'second-order distortion'
     acts_on = ActsOn.SAMPLES
@@ -35,7 +35,7 @@ class SecondOrderDistortion(Effect, name='second_order_distortion', of=Of.STATIO
         ),
     )
 
-    second_order: float = parameter(bounds=(-100.0, 100.0), description='c; positive raises the mean')
+    second_order: float = parameter(bounds=(-100.0, 100.0), description='coefficient c; a positive one raises the mean')
 
     def receive(
         self,
@@ -44,5 +44,5 @@ class SecondOrderDistortion(Effect, name='second_order_distortion', of=Of.STATIO
         m: Measurements,
         streams: Callable[[], list[np.random.Generator]],
     ) -> None:
-        """Apply the curve."""
+        """Apply the characteristic."""
         signal += np.float32(self.second_order / station.full_scale) * (signal * signal)

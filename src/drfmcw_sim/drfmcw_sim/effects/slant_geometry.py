@@ -1,4 +1,4 @@
-"""The antennas hang at different heights."""
+"""The antennas have different heights."""
 
 import dataclasses
 
@@ -15,10 +15,10 @@ from .traits import ActsOn, Of, Stage
 
 @dataclasses.dataclass(frozen=True)
 class SlantGeometry(Effect, name='slant_geometry', of=Of.PATH):
-    """The reference (and the scenario) give the horizontal distance; the radar measures along the slant."""
+    """The reference and the scenario give the horizontal distance. The radar measures along the slant."""
 
     acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
-    formula = 'R → √(R² + height_difference²), the power by the square of the distance'
+    formula = 'R → √(R² + height_difference²), the power falls with the square of the distance'
     example = {'height_difference': 5.0}
     stage = Stage.GEOMETRY
     recipes = (
@@ -32,7 +32,9 @@ class SlantGeometry(Effect, name='slant_geometry', of=Of.PATH):
     )
 
     height_difference: float = parameter(
-        unit='m', bounds=(-1e4, 1e4), description='between the antennas; its sign does not matter'
+        unit='m',
+        bounds=(-1e4, 1e4),
+        description='difference between the heights of the antennas; its sign does not matter',
     )
 
     def prepare(self, m: Measurements) -> None:

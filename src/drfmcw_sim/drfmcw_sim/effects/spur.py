@@ -1,4 +1,4 @@
-"""An unmodulated line in the IF."""
+"""The IF holds an unmodulated line."""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class Spur(Effect, name='spur', of=Of.STATION):
-    """A free-running line (switching regulator, clock harmonic), its phase random from sweep to sweep."""
+    """Free-running line (switching regulator, clock harmonic) with a random phase in each sweep."""
 
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) cos(2π frequency t + φ), φ uniform in each sweep, s full scale'
@@ -34,7 +34,7 @@ class Spur(Effect, name='spur', of=Of.STATION):
         ),
     )
 
-    frequency: float = parameter(unit='Hz', bounds=(0.0, 1e10), description='of the line in the IF')
+    frequency: float = parameter(unit='Hz', bounds=(0.0, 1e10), description='frequency of the line in the IF')
     level: float = parameter(unit='dBFS', bounds=(-200.0, 20.0), description='amplitude; a full-scale sine is 0 dBFS')
 
     def receive(

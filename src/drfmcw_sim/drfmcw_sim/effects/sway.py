@@ -15,10 +15,10 @@ from .traits import ActsOn, Motion, Of
 
 @dataclasses.dataclass(frozen=True)
 class Sway(Effect, name='sway', of=Of.PATH):
-    """The distance oscillates about that of the reference.
+    """Oscillation of the distance about that of the reference.
 
-    Each sweep has the position, velocity and acceleration at its start: within it, an error of
-    (2 pi frequency t)^3 / 6 of the amplitude remains.
+    The position, velocity and acceleration at its start describe each sweep. At time t within the sweep, this leaves an
+    error of (2 pi frequency t)^3 / 6 of the amplitude.
     """
 
     acts_on = ActsOn.DELAY
@@ -38,9 +38,11 @@ class Sway(Effect, name='sway', of=Of.PATH):
         ),
     )
 
-    amplitude: float = parameter(unit='m', bounds=(-100.0, 100.0), description='of the distance')
-    frequency: float = parameter(unit='Hz', bounds=(0.0, 50.0), description='of the sway')
-    phase: float = parameter(0.0, unit='rad', bounds=(-10.0, 10.0), description='of the sine at the start')
+    amplitude: float = parameter(unit='m', bounds=(-100.0, 100.0), description='amplitude of the distance')
+    frequency: float = parameter(unit='Hz', bounds=(0.0, 50.0), description='frequency of the sway')
+    phase: float = parameter(
+        0.0, unit='rad', bounds=(-10.0, 10.0), description='phase of the sine at the start of the recording'
+    )
 
     def prepare(self, m: Measurements) -> None:
         """Move the crane."""

@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class SweepCurvature(Effect, name='sweep_curvature', of=Of.STATION):
-    """Parabolic deviation of the sweep from the chord between its ends, in Hz of the station's own clock."""
+    """Parabolic frequency error between the sweep's ends, in Hz of the station's own clock."""
 
     acts_on = ActsOn.PHASE
     formula = 'δf(t) = 4 deviation t (T − t) / T², φ = 4π deviation t² (1 − 2t / 3T) / T'
@@ -24,7 +24,9 @@ class SweepCurvature(Effect, name='sweep_curvature', of=Of.STATION):
     recipes = (Recipe('deviation', {'deviation': 50.0}, {'deviation': 1e4}),)
 
     deviation: float = parameter(
-        unit='Hz', bounds=(-1e8, 1e8), description='of the frequency at mid-sweep from the chord between the ends'
+        unit='Hz',
+        bounds=(-1e8, 1e8),
+        description='frequency error at mid-sweep, against a straight ramp between the ends',
     )
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class SweepRate(Effect, name='sweep_rate', of=Of.STATION):
-    """Error of the ramp's rate in the station's own clock; it starts at the frequency that it states."""
+    """Error of the ramp's rate in the station's own clock. The ramp starts at the stated frequency."""
 
     acts_on = ActsOn.PHASE
     formula = 'δf(t) = error k t, φ = π error k t²'
@@ -23,7 +23,9 @@ class SweepRate(Effect, name='sweep_rate', of=Of.STATION):
     shapes_chirp = True
     recipes = (Recipe('error', {'error': 1e-6}, {'error': 1e-3}),)
 
-    error: float = parameter(unit='%', bounds=(-50.0, 50.0), description="of the ramp's rate, over the nominal one")
+    error: float = parameter(
+        unit='%', bounds=(-50.0, 50.0), description="error of the ramp's rate over the nominal rate"
+    )
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:
         """Return the integral of the frequency error over the station's own time [rad]."""

@@ -36,8 +36,10 @@ class SweepRipple(Effect, name='sweep_ripple', of=Of.STATION):
     )
 
     deviation: float = parameter(unit='Hz', bounds=(-1e8, 1e8), description='peak of the frequency error')
-    rate: float = parameter(unit='Hz', bounds=(1.0, 1e9), description='of the sine over the time since the ramp starts')
-    phase: float = parameter(0.0, unit='rad', bounds=(-10.0, 10.0), description='of the sine where the ramp starts')
+    rate: float = parameter(unit='Hz', bounds=(1.0, 1e9), description='frequency of the sine')
+    phase: float = parameter(
+        0.0, unit='rad', bounds=(-10.0, 10.0), description='phase of the sine at the start of the ramp'
+    )
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:
         """Return the integral of the frequency error over the station's own time [rad]."""

@@ -18,10 +18,10 @@ _DEGREE = 3
 
 @dataclasses.dataclass(frozen=True)
 class SweepShape(Effect, name='sweep_shape', of=Of.STATION):
-    """Rate of the ramp over its nominal one, a cubic B-spline over the nominal frequency (a VCO's tuning curve).
+    """Relative rate of the ramp as a cubic B-spline over the nominal frequency (a VCO's tuning curve).
 
-    The coefficients stand on a clamped uniform knot vector from the band's start to its end, so that the first and the
-    last are the rates there. The curve is divided by its mean: the ramp ends at the frequency that it states.
+    The knots are uniform and clamped at the band's ends, so the first and last coefficients are the relative rates
+    there. The spline is divided by its mean, so the ramp ends at the stated frequency.
     """
 
     acts_on = ActsOn.PHASE
@@ -45,7 +45,7 @@ class SweepShape(Effect, name='sweep_shape', of=Of.STATION):
 
 @functools.lru_cache(maxsize=32)
 def _excess(coefficients: tuple[float, ...]) -> BSpline:
-    """Return the second integral of the relative rate less 1, over the share of the ramp."""
+    """Return the second integral of the relative rate less 1, over the elapsed share of the ramp."""
     inner = np.linspace(0.0, 1.0, len(coefficients) - _DEGREE + 1)
     knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
     mean = float(BSpline(knots, np.array(coefficients), _DEGREE).integrate(0.0, 1.0))

@@ -1,4 +1,4 @@
-"""The crane moves while it is measured."""
+"""The crane moves during a sweep."""
 
 import dataclasses
 
@@ -15,10 +15,10 @@ from .traits import ActsOn, Motion, Of
 
 @dataclasses.dataclass(frozen=True)
 class TargetMotion(Effect, name='target_motion', of=Of.PATH):
-    """Velocity that the reference distance of each sweep does not show: Doppler shift and movement within the sweep."""
+    """Velocity of the crane, which the reference distance of a sweep does not show: Doppler shift and movement."""
 
     acts_on = ActsOn.DELAY
-    formula = 'R(t) → R + velocity t, t since the sweep of station 1 starts; it reads f_c velocity / k + velocity t'
+    formula = "R(t) → R + velocity t, t since station 1's sweep starts; range error f_c velocity / k + velocity t"
     example = {'velocity': 0.5}
     motion = Motion.DRIVE
     recipes = (
@@ -29,7 +29,7 @@ class TargetMotion(Effect, name='target_motion', of=Of.PATH):
     velocity: list[float] = parameter(
         unit='m/s',
         bounds=(-1e3, 1e3),
-        description="growth of the distance; a number, or a list with one for each of a standing crane's distances",
+        description='rate at which the distance grows: a number, or a list with one per distance of a standing crane',
     )
 
     def __post_init__(self) -> None:

@@ -29,10 +29,10 @@ class ActsOn(enum.Flag):
 
 
 class Stage(enum.IntEnum):
-    """Order in which effects act, whatever the order in a scenario: the way of the signal."""
+    """Order in which effects act: that in which the signal passes them, not that of a scenario's list."""
 
     STATE = 0  # clocks, air, motion, powers, and what is added to the IF
-    GEOMETRY = 1  # what the antennas' heights make of distance and motion
+    GEOMETRY = 1  # effect of the antennas' heights on distance and motion
     PATHS = 2  # more paths and losses, which follow the final distance
     FILTER = 3
     AMPLIFIER = 4

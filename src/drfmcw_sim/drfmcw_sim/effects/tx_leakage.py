@@ -15,9 +15,9 @@ from .traits import ActsOn, Of
 
 @dataclasses.dataclass(frozen=True)
 class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
-    """Leakage over a short path: mixed with itself, the chirp gives a constant, or with a delay a line at k delay.
+    """Leakage over a short path. Mixed with itself, the chirp gives a constant, or after a delay a line at k delay.
 
-    The oscillator's own phase noise and ramp errors nearly cancel over so short a delay; they are left out.
+    The oscillator's phase noise and the ramp's errors nearly cancel over so short a delay; the effect omits them.
     """
 
     title = 'TX leakage'
@@ -27,9 +27,9 @@ class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
     recipes = (Recipe('level', {'level': -70.0}, {'level': 20.0}, decibel=True, steps={'level': 0.05}),)
 
     level: float = parameter(
-        unit='dBFS', bounds=(-200.0, 20.0), description='of the constant or the line; ADC full scale is 0 dBFS'
+        unit='dBFS', bounds=(-200.0, 20.0), description='amplitude of the constant or line; ADC full scale is 0 dBFS'
     )
-    delay: float = parameter(0.0, unit='ns', bounds=(0.0, 1e6), description='of the leakage; 0 gives a constant')
+    delay: float = parameter(0.0, unit='ns', bounds=(0.0, 1e6), description='delay of the leakage; 0 gives a constant')
 
     def receive(
         self,

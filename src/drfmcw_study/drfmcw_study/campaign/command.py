@@ -1,6 +1,5 @@
 """`drfmcw campaign`: faults against the nodes' own classes, counting ranges that are valid and wrong."""
 
-import concurrent.futures
 import dataclasses
 import json
 import os
@@ -12,6 +11,7 @@ from rich.console import Console
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.processes import WorkFailed, unordered
 
 from .faults import Fault, faults
 from .measuring import Counts, cases, measure
@@ -20,12 +20,24 @@ from .report import Row, document, table
 _QUICK, _FULL = 100, 2000  # sweeps with the fault, per case
 
 
+@dataclasses.dataclass(frozen=True)
+class _Try:
+    """One fault to try, by name, since functions do not reach another process."""
+
+    fault: str
+    size: str
+    sweeps: int
+    seed: int
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status: 1 where a range was valid and wrong."""
     parser = Parser(prog='drfmcw campaign', description=__doc__)
     parser.add_argument('--quick', action='store_true', help=f'{_QUICK} sweeps per case instead of {_FULL}')
     parser.add_argument('--fault', action='append', metavar='NAME', help='only this fault (repeatable)')
-    parser.add_argument('--out', metavar='DIR', default='campaign', help='results; what is there is not tried again')
+    parser.add_argument(
+        '--out', metavar='DIR', default='campaign', help='results; an interrupted campaign resumes there'
+    )
     parser.add_argument('--report', metavar='FILE', help='write the report, as docs/reliability.md')
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N', help='processes (all cores)')
     parser.add_argument('--seed', type=int, default=1, help='of all random numbers')
@@ -44,22 +56,16 @@ def _run(arguments: object, console: Console) -> int:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f'--out {directory}: {error.strerror}') from None
-    rows: list[Row] = []
-    with concurrent.futures.ProcessPoolExecutor(options['jobs']) as pool:
-        paths = [directory / f'{_file_name(fault)}_{sweeps}_{options["seed"]}.json' for fault in chosen]
-        tried = {
-            number: pool.submit(_row, fault.name, fault.size, sweeps, options['seed'])
-            for number, (fault, path) in enumerate(zip(chosen, paths, strict=True))
-            if not path.exists()
-        }
-        for number, path in enumerate(paths):
-            if number in tried:
-                row = tried[number].result()
-                write_atomically(path, json.dumps(dataclasses.asdict(row)) + '\n')
-            else:
-                row = _read(path)
-            rows.append(row)
+    paths = [directory / f'{_file_name(fault)}_{sweeps}_{options["seed"]}.json' for fault in chosen]
+    missing = [number for number, path in enumerate(paths) if not path.exists()]
+    tries = [_Try(chosen[number].name, chosen[number].size, sweeps, options['seed']) for number in missing]
+    try:
+        for number, row in unordered(_row, tries, options['jobs']):
+            write_atomically(paths[missing[number]], json.dumps(dataclasses.asdict(row)) + '\n')
             console.print(f'{row.fault}, {row.size}: {row.wrong} of {row.sweeps} wrong', highlight=False)
+    except WorkFailed as error:
+        raise ConfigurationError(f'a worker process died ({error}); call again to resume') from None
+    rows = [_read(path) for path in paths]
     print(table(rows))
     if options['report']:
         command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {options["seed"]}'
@@ -82,10 +88,10 @@ def _chosen(names: list[str] | None) -> list[Fault]:
     return [fault for fault in known if not names or fault.name in names]
 
 
-def _row(name: str, size: str, sweeps: int, seed: int) -> Row:
-    """Try a fault; by name, since functions do not reach another process."""
-    fault = next(fault for fault in faults() if (fault.name, fault.size) == (name, size))
-    found: list[Counts] = [measure(case) for case in cases(fault, sweeps, seed)]
+def _row(order: _Try) -> Row:
+    """Try a fault at all distances."""
+    fault = next(fault for fault in faults() if (fault.name, fault.size) == (order.fault, order.size))
+    found: list[Counts] = [measure(case) for case in cases(fault, order.sweeps, order.seed)]
     return Row(
         fault.name,
         fault.size,

@@ -107,12 +107,12 @@ _OFFSETS = np.arange(-40.0, 41.0, 10.0)  # [ppm]
 
 def fig8() -> Section:
     """Return the section on Fig. 8."""
-    places = (
+    paths = (
         ('cable', LABORATORY_PATH, Mode.SHORT_DISTANCE, LABORATORY_DELAY),
         ('gantry', 1000.0, Mode.LONG_DISTANCE, None),
     )
     points = []
-    for name, distance, mode, delay in places:
+    for name, distance, mode, delay in paths:
         for offset in _OFFSETS:
             known = site(name, distance, alphas=(1.0 + 1e-6 * float(offset), 1.0), station=NO_DELAY)
             effects = _reference_only(float(offset), 'master')
@@ -122,21 +122,21 @@ def fig8() -> Section:
 
     def finish(outcomes: Sequence[Outcome], run: Run) -> Finished:
         panels = []
-        each = len(points) // len(places)
+        each = len(points) // len(paths)
         papers = ((2e-3, 'paper: about ±2 mm'), (100e-3, 'paper: more than 100 mm'))
-        for number, (place, (stated, statement)) in enumerate(zip(places, papers, strict=True)):
+        for number, (path, (stated, statement)) in enumerate(zip(paths, papers, strict=True)):
             part = outcomes[number * each : (number + 1) * each]
             known, unknown = part[::2], part[1::2]
             panels.append(
                 ReferencePanel(
-                    title=f'{place[1]:.0f} m, {"cable" if number == 0 else "crane, long distance"}',
+                    title=f'{path[1]:.0f} m, {"cable" if number == 0 else "crane, long distance"}',
                     offset=_OFFSETS,
                     corrected=column(known, 'bias'),
                     uncorrected=column(known, 'uncorrected_bias'),
                     error=column(known, 'bias_error'),
                     unknown=column(unknown, 'bias'),
                     unknown_error=column(unknown, 'bias_error'),
-                    equation=np.array([range_bias(place[1], 1.0 + 1e-6 * o, 1.0) for o in _OFFSETS]),
+                    equation=np.array([range_bias(path[1], 1.0 + 1e-6 * o, 1.0) for o in _OFFSETS]),
                     std=column(known, 'std'),
                     unknown_std=column(unknown, 'std'),
                     predicted=np.array([run.expected(predict(p)) for p in points[number * each :: 2][: each // 2]]),

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from ...features import coherence
 from ...features.extractor import unevenness
+from ...features.limits import SIDEBANDS
 from ..groups import pooled
 from ..limits import MODEL
 from ..measuring import Evidence
@@ -66,7 +66,7 @@ class _InBands(Kind):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Noise(_InBands):
-    """Power of the spectrum in bands without lines (G, S, BANDS) [dB of 1 LSB^2 per sample]."""
+    """Power of the spectrum in bands without lines (G, S, N) [dB of 1 LSB^2 per sample]."""
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return medians over each band; not compared where the calibrations do not say what to expect."""
@@ -104,7 +104,7 @@ class Noise(_InBands):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Coherence(_InBands):
-    """What the phase noise of both lines has in common (G, OFFSETS), see `features.coherence`."""
+    """What the phase noise of both lines has in common (G, C), see `features.coherence`."""
 
     of: Of = Of.PATH
 
@@ -123,10 +123,10 @@ class Coherence(_InBands):
 
 
 def _scatter(evidence: Evidence) -> np.ndarray:
-    """Return by what shares in the coherence scatter from sweep to sweep (G, OFFSETS); inf where not compared."""
+    """Return by what shares in the coherence scatter from sweep to sweep (G, C); inf where not compared."""
     recorded, counts = evidence.recorded, evidence.counts
     if not (recorded.scatters and recorded.topology.both_heard and evidence.known.noise().all()):
-        return np.full((len(counts), coherence.OFFSETS), np.inf)
+        return np.full((len(counts), SIDEBANDS.bands), np.inf)
     # each share is relative to the mean of both lines' noise, which takes one more degree of freedom
     scatter = pooled(recorded.shares) * np.sqrt((counts - 1.0) / (counts - 2.0))[:, None]
     present = np.array([np.any(s != 0.0, axis=0) for s in recorded.shares])
@@ -157,5 +157,5 @@ COHERENCE = Coherence(
     level='noise',
     axis='if_frequency',
     label='noise that both lines share',
-    widest=coherence.FARTHEST,
+    widest=SIDEBANDS.farthest,
 )

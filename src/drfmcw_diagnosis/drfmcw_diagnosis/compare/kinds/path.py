@@ -178,4 +178,4 @@ VELOCITY = Velocity(
     averages=True,
     needs_conditions=True,
 )
-MOVEMENT = Movement(name='movement', level='range', axis='time', label='movement within a place', unit='m')
+MOVEMENT = Movement(name='movement', level='range', axis='time', label='movement within a group of sweeps', unit='m')
