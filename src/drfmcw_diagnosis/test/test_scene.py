@@ -10,13 +10,16 @@ from scipy.interpolate import BSpline
 
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.scene.background import background
 from drfmcw_diagnosis.scene.bursts import bursts
+from drfmcw_diagnosis.scene.evidence import of_background, of_side
 from drfmcw_diagnosis.scene.images import image
 from drfmcw_diagnosis.scene.judge import examine
 from drfmcw_diagnosis.scene.material import Material, material
 from drfmcw_diagnosis.scene.rails import limit
 from drfmcw_diagnosis.scene.ramps.ramp import ramp
 from drfmcw_diagnosis.scene.ramps.shared import carried_over, together
+from drfmcw_diagnosis.scene.track import track
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping
 
@@ -108,6 +111,28 @@ def test_a_scene_of_lines_in_noise_shows_nothing(iq):
         assert limit(m) is None
         assert bursts(m) is None
         assert image(m) is None
+
+
+@pytest.mark.parametrize('shape', [(1, 16), (2, 40), (9, 64), (200, 33), (3, 600)])
+@pytest.mark.parametrize('iq', [False, True])
+def test_samples_of_any_kind_are_looked_at(shape, iq):
+    """Nothing, a constant, noise below a code, waves in step with the samples: no error, and no limit in a wave.
+
+    Waves have noise of one code.
+    """
+    rng, t = np.random.default_rng(5), np.arange(shape[1])
+    noise = rng.normal(0.0, 1.0, shape)
+    slow = 900.0 + 300.0 * np.cos(2 * np.pi * 0.02 * t) + noise
+    waves = 300.0 * np.cos(2 * np.pi * 0.083 * t) + 200.0 * np.cos(2 * np.pi * 0.12 * t) + noise
+    kinds = (0.0 * t, 0.0 * t + 100.0, 0.3 * noise, slow, waves)
+    for kind in kinds:
+        x = np.rint(np.broadcast_to(kind, shape) + 0.0)
+        m = scene(x + 1j * np.roll(x, 3, axis=1) if iq else x)
+        assert limit(m) is None
+        assert bursts(m) is None
+        image(m), ramp(m), of_side(m)
+        repeated = background(m)
+        assert repeated is None or of_background(repeated, track(m, repeated.mean), m)
 
 
 def test_samples_at_the_rails_are_clipped():

@@ -59,7 +59,7 @@ def background(m: Material) -> Background | None:
 
 def gain(before: float, after: float) -> float:
     """Return by how much a misfit falls [dB]."""
-    return 20.0 * math.log10(before / max(after, 1e-9))
+    return 20.0 * math.log10(max(before, 1e-9) / max(after, 1e-9))
 
 
 def _rms(values: np.ndarray) -> float:

@@ -32,7 +32,7 @@ def unpredicted(signal: np.ndarray) -> tuple[np.ndarray, float]:
     flat = spans.reshape(-1, order + 1)
     thin = flat[:: max(1, len(flat) // 40_000)]
     normal = thin[:, :-1].conj().T @ thin[:, :-1]
-    normal += np.eye(order) * 1e-9 * np.trace(normal).real / order
+    normal += np.eye(order) * (1e-9 * np.trace(normal).real / order + 1e-12)
     weights = np.linalg.solve(normal, thin[:, :-1].conj().T @ thin[:, -1])
     rest: np.ndarray = spans[..., -1] - spans[..., :-1] @ weights
     return rest, 1.0 + float(np.sum(np.abs(weights) ** 2))
@@ -46,7 +46,7 @@ def bursts(m: Material) -> Bursts | None:
     block = BURSTS.block
     blocks = rest.shape[1] // block
     power = np.mean(np.abs(rest[:, : blocks * block].reshape(len(rest), blocks, block)) ** 2, axis=2)
-    usual = np.maximum(np.median(power, axis=0), np.median(power))
+    usual = np.maximum(np.median(power, axis=0), max(float(np.median(power)), 1.0 / 12.0))  # quantisation at least
     loud = power > BURSTS.peak * usual
     hit = loud.any(axis=1)
     quiet = (power / usual)[~loud]

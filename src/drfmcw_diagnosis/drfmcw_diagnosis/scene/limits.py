@@ -134,6 +134,9 @@ class ShapeLimits:
     longest: int = 8000
     """Samples of a sweep that are fitted, at most; longer ones are averaged in spans; chosen."""
 
+    settled: float = 1e-7
+    """Relative change of a delay at which its fit ends; chosen."""
+
     fit: float = 1e-4
     """Relative change of the misfit at which a fit ends; chosen."""
 
@@ -148,12 +151,21 @@ class RailLimits:
     outliers: tuple[int, ...] = (0, 12, 48)
     """Samples that may lie beyond a rail, as a filter behind it makes them; chosen."""
 
+    beyond: float = 0.25
+    """Samples beyond a rail over those at it, at most [1]; chosen: more belong to a higher crest."""
+
     beside: int = 4
     """Codes compared, in widths; chosen."""
 
     excess: float = 3.0
     """Count at the rail over that beside it, per four widths, above which they pile up; derived: the crest of a sine
     has 0.8."""
+
+    least: int = 500
+    """Numbers of a recording from which rails are looked for; chosen."""
+
+    steeper: float = 2.0
+    """Fall of the signal beside the rail over that from a crest, at least [1]; chosen."""
 
     fewest: int = 12
     """Samples at a rail, at least; chosen."""

@@ -28,6 +28,8 @@ def limit(m: Material) -> Limit | None:
 
 def _rail(m: Material) -> Limit | None:
     codes = m.parts
+    if codes.size < RAILS.least or not codes.any():
+        return None
     outermost = float(np.abs(codes).max())
     widths = [w for w in RAILS.widths if w <= max(8.0, 4.0 * m.noise) and w <= max(1.0, 0.01 * outermost)]
     found: list[tuple[float, float, np.ndarray, float]] = []
@@ -52,13 +54,31 @@ def _piled(side: np.ndarray, top: float, widths: list[int]) -> tuple[float, floa
     """Return (level, std [LSB], samples at it, chance) of a rail just below `top`, None where no samples pile up."""
     for width in widths:
         at = side > top - width
-        count = int(at.sum())
-        beside = int(np.count_nonzero(side > top - (1 + RAILS.beside) * width)) - count
+        above = int(np.count_nonzero(side > top))
+        count = int(at.sum()) - above
+        beside = int(np.count_nonzero((side <= top - width) & (side > top - (1 + RAILS.beside) * width)))
         spread = len(np.unique(np.nonzero(at)[1]))  # a spike at one time of every sweep is no limit
         enough = count >= max(RAILS.fewest, RAILS.share * side.size) and spread >= RAILS.fewest // 2
-        if enough and count > RAILS.excess * max(beside, 1) and _in_runs(at):
+        enough &= above <= RAILS.beyond * count
+        if enough and count > RAILS.excess * max(beside, 1) and _in_runs(at) and _cut_off(side, at):
             return float(np.median(side[at])), width / math.sqrt(12.0), at, _tail(count, beside)
     return None
+
+
+def _cut_off(side: np.ndarray, at: np.ndarray) -> bool:
+    """Return whether the signal falls off beside the runs at the rail more steeply than from a crest.
+
+    A crest that falls by s within half a run of n samples has fallen by s ((1 + 4 / n)^2 - 1) two samples further.
+    """
+    fallen = expected = 0.0
+    for row, first, end in _runs(at):
+        if end - first < 2 or first < 2 or end + 1 >= side.shape[1]:
+            continue
+        run = side[row, first:end]
+        within = max(float(run.max() - run.min()), 1.0)
+        fallen += float(run.mean()) - 0.5 * float(side[row, first - 2] + side[row, end + 1])
+        expected += within * ((1.0 + 4.0 / len(run)) ** 2 - 1.0)
+    return fallen > RAILS.steeper * expected > 0.0
 
 
 def _in_runs(at: np.ndarray) -> bool:
@@ -76,6 +96,8 @@ def _tail(count: int, beside: int) -> float:
 def _plateaus(m: Material) -> Limit | None:
     """Return a limit in front of the last filters, behind which plateaus are smooth but may droop."""
     parts = m.parts
+    if parts.shape[1] < 2 * RAILS.run:
+        return None
     rough = np.abs(np.diff(parts, 4, axis=1))
     kernel = np.ones(16) / 16.0
     local = np.apply_along_axis(np.convolve, 1, rough, kernel, 'same')

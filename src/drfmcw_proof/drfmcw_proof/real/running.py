@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drfmcw_diagnosis.engine import FALSE_ALARM_RATE, diagnose_dataset
+from drfmcw_diagnosis.engine import LIMITS, diagnose_dataset
 from drfmcw_diagnosis.finding.result import Diagnosis
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
 from drfmcw_diagnosis.scene.judge import examine, own_image, own_ramp, shared_ramps
@@ -132,7 +132,7 @@ def run(
 
 
 def _sign(data: Dataset) -> bool:
-    diagnosis = examine(data, FALSE_ALARM_RATE)
+    diagnosis = examine(data, LIMITS.false_alarm_rate)
     return bool(diagnosis is not None and diagnosis.scene and diagnosis.scene.get('mirrored'))
 
 
@@ -141,7 +141,7 @@ def _trials(name: str, data: Dataset, before: frozenset[str], seed: int) -> list
     for concealed in concealments(data, seed):
         if before & {concealed.effect, 'clipping'}:
             continue  # it is there already, or hides what is added
-        diagnosis = examine(concealed.data, FALSE_ALARM_RATE)
+        diagnosis = examine(concealed.data, LIMITS.false_alarm_rate)
         size = concealed.size
         own = own_image(data) if concealed.effect == 'iq_imbalance' else None
         if own is not None:  # gains and phases of both add
@@ -170,7 +170,7 @@ def _outcome(
 
 
 def _carried(datasets: dict[str, Dataset]) -> tuple[list[Carried], list[Setting]]:
-    """Return every shape, and every wrong setting, tried on every other recording of the same sampling and overlapping band."""
+    """Return every shape, and every wrong setting, tried on every other recording of the same radar."""
     bent = {name: r for name, data in datasets.items() if (r := own_ramp(data)) is not None and r.bends}
     result, settings = [], []
     for learnt, known in bent.items():

@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 
 from ..limits import SHAPE, WINDOW
 from ..material import Material, averaged
-from .shape import Line, Score, Shape, followed, learn, score
+from .shape import Line, Score, Shape, followed, learn, refit, score
 from .window import Window, window
 
 
@@ -124,12 +124,20 @@ def ramp(m: Material) -> Ramp | None:
     if not pairs:
         return None
     shape = learn([x for x, _ in pairs], [s[1] for _, s in pairs])
-    straight = tuple(
-        score(x, np.polyval(np.polyfit(x.frequency, psi, 1), x.frequency))
-        for (x, _), psi in zip(pairs, shape.phase, strict=True)
-    )
+    straight = tuple(_straight(x, psi) for (x, _), psi in zip(pairs, shape.phase, strict=True))
     found = Ramp(m, bounds, tuple(x for x, _ in pairs), shape, straight, _nominal(items[0][:count], period))
-    return found if 2.0 * found.held_out**2 < SHAPE.rest * found.amplitude**2 else None
+    turns = min(abs(float(psi[-1] - psi[0])) for psi in shape.phase) / (2.0 * np.pi)
+    clear = 2.0 * found.held_out**2 < SHAPE.rest * found.amplitude**2
+    return found if clear and turns > SHAPE.fewest_turns - 1.0 else None
+
+
+def _straight(line: Line, psi: np.ndarray) -> Score:
+    """Return how well a straight ramp describes a line whose phase is about psi (n,) [rad]."""
+    turn = 2.0 * np.pi * (line.frequency - line.frequency[0])
+    delay, offset = np.polyfit(turn, psi, 1)
+    at_first = score(line, delay * turn + offset)
+    after = refit(line, turn, float(delay), float(offset))[2]
+    return min(at_first, after, key=lambda s: s.fitted)
 
 
 def _items(m: Material) -> list[np.ndarray]:

@@ -76,6 +76,28 @@ def score(line: Line, psi: np.ndarray) -> Score:
     return Score(_rms(residual[~held]), _rms(residual[held]), residual, linear)
 
 
+def refit(line: Line, turn: np.ndarray, delay: float, offset: float) -> tuple[float, float, Score]:
+    """Return delay, phase and score of a line on a ramp that is known, by Gauss and Newton.
+
+    Args:
+        line: one sweep.
+        turn: phase per delay at its samples (n,) [rad/s].
+        delay: to start with [s].
+        offset: phase to start with [rad].
+    """
+    for _ in range(SHAPE.rounds):
+        now = score(line, delay * turn + offset)
+        by_psi = line.slope(delay * turn + offset, now.linear)
+        free = np.stack([by_psi * turn, by_psi], axis=1)
+        scale = np.maximum(np.sqrt(np.mean(free**2, axis=0)), 1e-30)
+        design = np.hstack([free / scale, line.design(delay * turn + offset, True)])[~line.held]
+        step = np.linalg.lstsq(design, now.residual[~line.held], rcond=None)[0][:2] / scale
+        delay, offset = delay + float(step[0]), offset + float(step[1])
+        if abs(step[0]) < SHAPE.settled * abs(delay):
+            break
+    return delay, offset, score(line, delay * turn + offset)
+
+
 @dataclasses.dataclass(frozen=True)
 class Shape:
     """A ramp's rate over its nominal one, and the delays of the lines that it was learnt from."""

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..limits import SHAPE
 from .ramp import Ramp
-from .shape import Shape, learn, score
+from .shape import Shape, learn, refit
 
 
 def together(ramps: Sequence[Ramp]) -> list[Ramp]:
@@ -56,19 +55,11 @@ def carried_over(known: Shape, to: Ramp) -> Ramp:
         )
         turn = 2.0 * np.pi * (whole(part.frequency) - whole(part.frequency[0]))
         delay, offset = np.polyfit(turn, psi[covered], 1)
-        for _ in range(SHAPE.rounds):  # Gauss and Newton on the two of them
-            now = score(part, delay * turn + offset)
-            by_psi = part.slope(delay * turn + offset, now.linear)
-            design = part.design(delay * turn + offset, True)
-            free = np.stack([by_psi * turn, by_psi], axis=1)
-            step = np.linalg.lstsq(np.hstack([free, design]), now.residual, rcond=None)[0][:2]
-            delay, offset = delay + step[0], offset + step[1]
-            if abs(step[0]) < 1e-7 * abs(delay):
-                break
+        delay, offset, found = refit(part, turn, float(delay), float(offset))
         lines.append(part)
-        delays.append(float(delay))
+        delays.append(delay)
         phases.append(delay * turn + offset)
-        scores.append(score(part, phases[-1]))
+        scores.append(found)
     count = len(lines)
     shape = Shape(known.spline, known.std, np.array(delays), np.full(count, np.nan), tuple(phases), tuple(scores))
     return dataclasses.replace(to, lines=tuple(lines), shape=shape)
