@@ -10,14 +10,11 @@ from ..finding.result import Estimate, FoundEffect, Location
 from .background import Background, gain
 from .bursts import Bursts
 from .images import Image
-from .limits import SHAPE, SIDES
+from .limits import JUDGE, SHAPE, SIDES
 from .material import Material
 from .rails import Limit
 from .ramps.ramp import Ramp
 from .track import Track
-
-CERTAIN = 1e-300
-"""Chance that is stated at least [1]: smaller ones are no numbers."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,4 +198,4 @@ def _effect(
     name: str, m: Material, parameters: dict[str, Estimate], gain: float, probability: float | None = None
 ) -> FoundEffect:
     chance = math.exp(-min(gain, 690.0)) if probability is None else probability
-    return FoundEffect(name, m.station, parameters, max(gain, 0.0), max(chance, CERTAIN))
+    return FoundEffect(name, m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))

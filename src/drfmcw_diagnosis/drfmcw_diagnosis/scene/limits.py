@@ -40,8 +40,8 @@ class WindowLimits:
     """Power of first differences below which nothing moves, over its median [1]; chosen: a crest has twice it."""
 
     above: float = 8.0
-    """Power of first differences over that of noise, from which on noise alone is told from a crest [1]; derived: a
-    crest then has 2.4 times that of noise."""
+    """Power of first differences over that of noise, from which on noise is no crest [1]; derived: a crest
+    then has 2.4 times that of noise."""
 
     alone: float = 1.5
     """Power of first differences over that of noise up to which noise is alone [1]; chosen."""
@@ -57,11 +57,14 @@ class WindowLimits:
 class ShapeLimits:
     """How a ramp's shape is learnt from lines."""
 
+    degree: int = 3
+    """Degree of the spline; derived: that of `sweep_shape`."""
+
     constant: int = 15
-    """Order of the slowly varying constant (Legendre); from `reference/method.md`: 14 to 16."""
+    """Order of the slowly varying constant (Legendre); chosen, after the method's 14 to 16."""
 
     amplitude: int = 8
-    """Order of the line's amplitude; from the same."""
+    """Order of the line's amplitude; chosen, after the same."""
 
     harmonic: int = 5
     """Order of the amplitudes of second and third harmonic; chosen on the GMR recordings, where 3 leaves a third
@@ -74,7 +77,8 @@ class ShapeLimits:
     """Periods of the line per sample, at most; chosen."""
 
     intervals: tuple[float, ...] = (0.35, 0.7, 1.35)
-    """Intervals of the spline per period of the line, coarse to fine; from the same: 8 MHz where a period has 11."""
+    """Intervals of the spline per period of the line, coarse to fine; chosen, after the same: 8 MHz where
+    a period has 11."""
 
     most_intervals: int = 64
     """Intervals of the spline, at most; chosen."""
@@ -96,7 +100,7 @@ class ShapeLimits:
     """Iterations of a fit, at most; chosen."""
 
     ridge: float = 0.06
-    """Standard deviation of the relative rate that is expected [1]; from `reference/method.md`."""
+    """Standard deviation of the relative rate that is expected [1]; chosen, after the same."""
 
     hold: int = 16
     """Samples of a block that is held out; chosen."""
@@ -206,7 +210,7 @@ class BurstLimits:
     """Power over its median at this time of the sweep; derived: noise exceeds it in fewer than 1e-20 of the blocks."""
 
     fewest: int = 8
-    """Sweeps from which bursts are told from what all sweeps have; chosen."""
+    """Sweeps from which bursts are separated from what all sweeps have; chosen."""
 
     hit: int = 3
     """Sweeps with a burst, at least; chosen."""
@@ -301,6 +305,9 @@ class SideLimits:
 @dataclasses.dataclass(frozen=True)
 class JudgeLimits:
     """When a scene is judged, and how."""
+
+    certain: float = 1e-300
+    """Chance that is stated at least [1]; chosen: smaller ones are no numbers."""
 
     sweeps: int = 64
     """Sweeps of which the spectra are looked at; chosen."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_PERIODS = 3.0  # of the line in a part, at least: fewer do not tell it from its mirror and from 0 Hz
+_PERIODS = 3.0  # of the line in a part, at least: fewer do not separate it from its mirror and from 0 Hz
 _PARTS = 16  # at most
 _FEWEST = 4  # parts
 _SIGNIFICANT = 8.0  # standard deviations of the mean square beyond that of noise: no false alarm in 1e6 sweeps

@@ -2,8 +2,8 @@
 
 A line shows psi(t) = 2 pi tau (f(t) - f(t0)) + phi. So its phase determines the shape of f up to a scale. The rate over
 its nominal value is a cubic spline over the nominal frequency; settings of one oscillator share it. Constant, amplitude
-and harmonics of the line are slow polynomials, which are linear and projected out. Source: reference/method.md,
-"Learning a ramp"; Golub and Pereyra (1973) for the projection, with Kaufman's simplification.
+and harmonics of the line are slow polynomials, which are linear and projected out. Source: Golub and Pereyra
+(1973) for the projection, with Kaufman's simplification.
 """
 
 import dataclasses
@@ -14,8 +14,6 @@ from numpy.polynomial.legendre import legvander
 from scipy.interpolate import BSpline
 
 from ..limits import SHAPE
-
-_DEGREE = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,17 +199,17 @@ class _Fit:
     def refine(self, intervals: int, rate: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Take so many intervals, and return the coefficients that come near a rate."""
         inner = np.linspace(self.low, self.high, intervals + 1)
-        self.knots = np.concatenate([[self.low] * _DEGREE, inner, [self.high] * _DEGREE])
-        self.size = intervals + _DEGREE
-        sites = np.array([np.mean(self.knots[i + 1 : i + 1 + _DEGREE]) for i in range(self.size)])
-        whole = [BSpline(self.knots, unit, _DEGREE).antiderivative() for unit in np.eye(self.size)]
+        self.knots = np.concatenate([[self.low] * SHAPE.degree, inner, [self.high] * SHAPE.degree])
+        self.size = intervals + SHAPE.degree
+        sites = np.array([np.mean(self.knots[i + 1 : i + 1 + SHAPE.degree]) for i in range(self.size)])
+        whole = [BSpline(self.knots, unit, SHAPE.degree).antiderivative() for unit in np.eye(self.size)]
         self.integrals = [
             np.stack([w(line.frequency) - w(line.frequency[0]) for w in whole], axis=1) for line in self.lines
         ]
         return rate(sites)
 
     def spline(self, coefficients: np.ndarray) -> BSpline:
-        return BSpline(self.knots, coefficients, _DEGREE)
+        return BSpline(self.knots, coefficients, SHAPE.degree)
 
     def integral(self, line: Line, coefficients: np.ndarray) -> np.ndarray:
         whole = self.spline(coefficients).antiderivative()
