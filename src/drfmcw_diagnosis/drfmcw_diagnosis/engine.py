@@ -32,6 +32,8 @@ from .learn.learning import Learnt
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
 from .recording.thinning import representative
+from .scene.judge import examine
+from .scene.ramps.ramp import Ramp
 from .search.bank import recipes
 from .search.fitting import Fitted, FittedEffect, Fitting
 from .search.leftovers import leftovers
@@ -103,12 +105,21 @@ def diagnose_dataset(
     without: Collection[str] = (),
     jobs: int = 1,
     covariances: bool = False,
+    shared: Ramp | None = None,
 ) -> Diagnosis:
-    """Return what sweeps hold beyond their nominal model; arguments and errors as `diagnose`."""
+    """Return what sweeps hold beyond their nominal model; arguments and errors as `diagnose`.
+
+    `shared` is the ramp of this recording as `scene.judge.shared_ramps` learns it from several of one radar.
+    """
     for effect in without:
         if effect not in Effect.registry:
             raise ConfigurationError(f"no effect '{effect}'{nearest(effect, sorted(Effect.registry))}")
     report = progress or (lambda text, share: None)
+    if data.topology.hears_itself:
+        report('the samples themselves', 0.05)
+        scene = examine(data, false_alarm_rate, out, command, without, shared)
+        if scene is not None:
+            return scene
     rows = representative(data.group)
     comparison = Comparison(data, rows)
     search = Search(comparison, progress, without, jobs)

@@ -183,8 +183,8 @@ def test_a_ripple_is_named_by_one_station(tmp_path):
     named = [e for x in (found.explanation, *found.alternatives) for e in x.effects]
     (ripple,) = [e for e in named if (e.effect, e.station) == ('sweep_ripple', 'master')]
     for name, value in truth.items():
-        found = ripple.parameters[name]
-        assert abs(abs(found.value) - value) < 4.0 * found.std
+        estimate = ripple.parameters[name]
+        assert abs(abs(estimate.value) - value) < 4.0 * estimate.std
     assert 0.9 < found.fit.held_out.after < 1.1 < found.fit.held_out.before
     assert any('/slave/if_samples is missing' in sentence for sentence in found.not_testable)
 

@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -166,6 +167,11 @@ class RecordingReplay:
             sweeps=self._sweeps,
             dropped={reason: count for reason, count in dropped.items() if count},
         )
+
+    def doppler_scale(self, station: str) -> float:
+        """Return the range that a velocity adds to a rising ramp's of a station that hears itself, f_c / k [s]."""
+        sweep = self._fusion.sweep_config(station, station, 1 << 62)
+        return sweep.center_frequency / abs(sweep.chirp_rate) if sweep is not None else math.nan
 
     def _take(self, topic: str, message: Any) -> None:
         """Take in one message that is no sweep.

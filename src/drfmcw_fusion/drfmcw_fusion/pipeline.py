@@ -332,7 +332,7 @@ class RangeFusion:
         for station in (first, second):
             if station.beat.flags & BeatFlag.WEAK_SIGNAL or not math.isfinite(station.beat.frequency):
                 flags |= Flag.WEAK_SIGNAL
-            if station.beat.flags & ~BeatFlag.WEAK_SIGNAL:
+            if station.beat.flags & ~_accounted(station.beat.flags):
                 flags |= Flag.SIGNAL_QUALITY
             if self._calibration_is_stale(station, stamp):
                 flags |= Flag.STALE_CALIBRATION
@@ -376,6 +376,13 @@ class RangeFusion:
         if flags & _UNTRACKED or verdict.decision == Decision.REFUSED:
             return Judgement(monitor.coast(measured.stamp), PASSED, math.inf, 1.0)
         return monitor.follow(measured)
+
+
+def _accounted(flags: int) -> int:
+    """Return a beat's flags that are no further doubt: a line's standard deviation includes what bends it."""
+    if flags & BeatFlag.MODEL_MISMATCH:
+        return int(BeatFlag.WEAK_SIGNAL | BeatFlag.MODEL_MISMATCH | BeatFlag.AMBIGUOUS | BeatFlag.BURST)
+    return int(BeatFlag.WEAK_SIGNAL)
 
 
 @functools.lru_cache(maxsize=16)

@@ -21,6 +21,7 @@ from . import report
 from .offline import RecordingReplay, Replay
 from .settings import FusionSettings
 from .statistics import DEFAULT_BIN, setting_statistics
+from .up_and_down import up_and_down
 from .verification import compare_with_recorded
 
 
@@ -53,6 +54,13 @@ def _parser() -> argparse.ArgumentParser:
         offline.add_argument(f'--{name}', choices=declared.choices or choices, help=declared.description)
     offline.add_argument('--estimator', help=declared_parameters(EstimatorSettings)['estimator'][1].description)
     offline.add_argument('--window', help=declared_parameters(EstimatorSettings)['window'][1].description)
+    offline.add_argument(
+        '--search-range', metavar='MIN:MAX', help='distances among which the line is searched [m], as 5:40'
+    )
+    offline.add_argument(
+        '--pair', metavar='UP/DOWN', help='two stations that hear themselves, rising and falling ramps of one radar: '
+        'combine them to range and velocity',
+    )  # fmt: skip
     offline.add_argument('--no-alpha', action='store_true', help='take all clocks as nominal (no eq. 19)')
     live = parser.add_argument_group('into the live graph')
     live.add_argument('--publish', action='store_true', help='publish the measured topics instead')
@@ -79,12 +87,28 @@ def settings_from(arguments: argparse.Namespace) -> tuple[EstimatorSettings, Fus
     estimator = from_mapping(EstimatorSettings, sections.get('estimator'), f'{where}: estimator')
     options = {name: getattr(arguments, name) for name in ('estimator', 'window') if getattr(arguments, name)}
     from_mapping(EstimatorSettings, options, 'options')  # refuses unknown names
+    options |= search_range(arguments.search_range)
     estimator = dataclasses.replace(estimator, **options)
     fusion = from_mapping(FusionSettings, sections.get('fusion'), f'{where}: fusion')
     chosen = {name: getattr(arguments, name) for name in ('atmosphere', 'velocity') if getattr(arguments, name)}
     if arguments.no_alpha:
         chosen['alpha_correction'] = False
     return estimator, dataclasses.replace(fusion, **chosen)
+
+
+def search_range(text: str | None) -> dict[str, Any]:
+    """Return the estimator's settings for 'MIN:MAX' [m], none for None.
+
+    Raises:
+        ConfigurationError: no two numbers.
+    """
+    if text is None:
+        return {}
+    low, _, high = text.partition(':')
+    try:
+        return {'search_range_minimum': float(low), 'search_range_maximum': float(high)}
+    except ValueError:
+        raise ConfigurationError(f"--search-range '{text}': expected MIN:MAX in metres, as 5:40") from None
 
 
 def _offline(arguments: argparse.Namespace) -> int:
@@ -94,8 +118,12 @@ def _offline(arguments: argparse.Namespace) -> int:
     quiet = '-' in (arguments.json, arguments.csv, arguments.results)  # the data is what is printed
     console = Console(stderr=quiet)
     with BagReader(arguments.recording) as bag:
-        engine = RecordingReplay(bag, estimator, fusion, arguments.station)
+        stations = arguments.pair.split('/') if arguments.pair else arguments.station
+        engine = RecordingReplay(bag, estimator, fusion, stations)
         replay = _with_progress(engine, bag.message_count)
+    if arguments.pair:
+        combined = up_and_down(replay.results, arguments.pair, engine.doppler_scale(stations[0]))
+        replay = dataclasses.replace(replay, results=combined)
     rows = setting_statistics(replay.results, replay.reference, arguments.bin)
     for line in replay.missing:
         console.print(f'note: {line}', highlight=False)
@@ -106,6 +134,8 @@ def _offline(arguments: argparse.Namespace) -> int:
     name = Path(arguments.recording).name
     console.print(report.table(rows, name))
     console.print(report.summary(rows), highlight=False)
+    if doubt := report.mismatch(replay.results):
+        console.print(doubt, highlight=False)
     if arguments.json:
         report.write_json(rows, arguments.json)
     if arguments.csv:

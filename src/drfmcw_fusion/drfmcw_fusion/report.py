@@ -16,6 +16,7 @@ from rich.table import Table
 
 from drfmcw_ros.cli import write_atomically
 
+from .integrity.checks import Test
 from .offline import Reference
 from .pipeline import RangeResult
 from .statistics import SettingStatistics, reference_at
@@ -109,6 +110,19 @@ def summary(rows: Sequence[SettingStatistics]) -> str:
     return (
         f'{total} ranges from {min(r for r, _, _ in known):.1f} to {max(r for r, _, _ in known):.1f} m: '
         f'rms error {rms * 1e3:.1f} mm, largest bias {largest * 1e3:+.1f} mm at {where:.0f} m.'
+    )
+
+
+def mismatch(results: Sequence[RangeResult]) -> str:
+    """Return one sentence about lines that contradict a straight ramp, '' where none does."""
+    bent = [r for r in results if r.failed_tests & Test.STRAIGHT]
+    if not bent:
+        return ''
+    std = math.sqrt(sum(r.range_std**2 for r in bent) / len(bent))
+    return (
+        f'In {len(bent)} of {len(results)} sweeps the samples contradict one line of a straight ramp (MODEL_MISMATCH); '
+        f'the reported standard deviation, {std * 1e3:.0f} mm there, includes what that may do. ./drfmcw diagnose says '
+        'what it is.'
     )
 
 

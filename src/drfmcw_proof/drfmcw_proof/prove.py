@@ -31,6 +31,8 @@ from drfmcw_ros.versions import versions
 from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
 from .generator.recordings import Seal, open_seal
 from .judging import judge
+from .real.page import page
+from .real.running import recordings, run
 from .report import Run, write_report
 from .second_opinion import apart, separated
 
@@ -63,6 +65,10 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--seed', type=int, default=1, metavar='S', help='of all random numbers (1)')
     result.add_argument('--force', action='store_true', help='discard results of other settings or another version')
     result.add_argument('--keep', action='store_true', help='keep the recordings after their judgement')
+    result.add_argument(
+        '--real', nargs='+', metavar='DIR', help='instead, recordings of real radars below these directories: '
+        'real_recordings.md says what is found in them and in what is added to them',
+    )  # fmt: skip
     result.add_argument('--document', action='store_true', help='write the report into docs/ of the checkout as well')
     return result
 
@@ -332,7 +338,22 @@ def _folders(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
     return Path(out), _CHECKOUT / 'docs' if arguments.document else None
 
 
+def _real(arguments: argparse.Namespace, command: str) -> int:
+    """Try recordings of real radars, and write the page."""
+    out, documents = _folders(arguments)
+    console = Console(stderr=True)
+    paths = recordings([Path(path) for path in arguments.real])
+    text = page(command, *run(paths, arguments.seed, lambda name: console.print(name, highlight=False)))
+    for folder in filter(None, (out, documents)):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / 'real_recordings.md', text)
+    console.print(f'{(documents or out) / "real_recordings.md"}', highlight=False, soft_wrap=True)
+    return 0
+
+
 def _run(arguments: argparse.Namespace, command: str) -> int:
+    if arguments.real:
+        return _real(arguments, command)
     settings, groups = _settings(arguments)
     out, documents = _folders(arguments)
     console = Console(stderr=True)

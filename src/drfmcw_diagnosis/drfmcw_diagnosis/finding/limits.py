@@ -66,6 +66,9 @@ class SentenceLimits:
     listed: int = 4
     """Rivals and locations named, at most; chosen."""
 
+    parameters: int = 20
+    """Parameters of one effect that are listed, at most; chosen: a spline's say nothing one by one."""
+
     further: int = 2
     """Measurements named after the best one, at most; chosen."""
 

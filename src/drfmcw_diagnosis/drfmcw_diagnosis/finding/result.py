@@ -201,6 +201,7 @@ class Diagnosis:
     remainder: Remainder | None = None  # what the effects leave beyond chance
     learnt: tuple[Series, ...] = ()  # what the effects leave, with the measured curves
     stations: tuple[str, ...] = ()  # (first, second), or the one that hears itself
+    scene: dict[str, Any] | None = None  # of a station that hears itself: delays, window, what repeats; JSON-ready
     places: int | None = None  # positions searched, over which chance is counted
 
     def as_object(self) -> dict[str, Any]:
@@ -242,6 +243,7 @@ class Diagnosis:
             },
             'sweeps': {'fitted': self.sweeps_fitted, 'held_out': self.sweeps_held_out},
             'places': self.places,
+            'scene': self.scene,
             'refined_config': self.refined_config,
             'not_testable': list(self.not_testable),
             'summary': list(self.sentences),

@@ -224,6 +224,12 @@ def effect_sentence(found: FoundEffect) -> str:
     """Return what an effect is, where it acts, how large it is, and how it changes the range."""
     words = effect_words(found)
     sizes = ', '.join(f'{p.name} {p.size}' + (f' ({p.description})' if p.description else '') for p in words.parameters)
+    if len(words.parameters) > SENTENCES.parameters:
+        values = [estimate.value for estimate in found.parameters.values()]
+        first = next(iter(found.parameters))
+        name = parameter_name(first).replace('_', ' ')
+        sizes = f'{name}: {len(values)} values from {plain(min(values))} to {plain(max(values))}'
+        sizes += f'{_gap(_UNITS.get(found.parameters[first].unit, found.parameters[first].unit))}'
     text = f'{capital(words.title)}: {words.headline}. {_first_sentence(words.description)}'
     if sizes:
         text += f' {capital(sizes)}.'

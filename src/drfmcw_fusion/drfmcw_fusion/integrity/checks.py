@@ -4,6 +4,7 @@ import dataclasses
 import enum
 import math
 
+from drfmcw_node.estimators.estimation import Flag as BeatFlag
 from drfmcw_physics.link_budget import free_space_loss
 from drfmcw_physics.sweep import SweepSettings
 
@@ -33,6 +34,7 @@ class Test(enum.IntFlag):
     CONTINUITY = 256
     SCATTER = 512
     LATE = 1024
+    STRAIGHT = 2048
 
 
 class Decision(enum.IntEnum):
@@ -111,6 +113,16 @@ def noise(station: Station, settings: IntegritySettings) -> Verdict:
     excess = density - station.calibration.noise_floor
     if math.isfinite(excess) and excess > settings.noise_tolerance:
         return Verdict(Decision.DOUBTFUL, Test.NOISE)
+    return PASSED
+
+
+def straight(station: Station) -> Verdict:
+    """Return the verdict on a station's own line: no straight ramp makes it vary over the sweep as it does.
+
+    What that may do to the range is in the standard deviation of the line already.
+    """
+    if station.beat.flags & BeatFlag.MODEL_MISMATCH:
+        return Verdict(Decision.DOUBTFUL, Test.STRAIGHT)
     return PASSED
 
 

@@ -74,7 +74,7 @@ class PairMonitor:
         if any([self._repeats(station) for station in stations]):  # every station's result is remembered
             verdict &= refuse(Test.REPEATED)
         for station in stations:
-            verdict &= checks.noise(station, self._settings)
+            verdict &= checks.noise(station, self._settings) & checks.straight(station)
         if first is second:
             return verdict
         if not self._stamps_agree(first, second):

@@ -18,12 +18,14 @@ import numpy as np
 import scipy.fft
 
 from drfmcw_physics.bounds import additive_std, image_noise_ratio, phase_noise_std
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_physics.sweep import SweepSettings, residual_chirp
+from drfmcw_physics.sweep import SweepSettings, beat_frequency, residual_chirp
 
 from .noise import NoiseMeter, oscillators
 from .spectral import parabola_vertex, window_samples
+from .straightness import contradiction
 
 WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
 """scipy.signal.get_window names that can be chosen."""
@@ -41,6 +43,7 @@ _METER_MARGIN = 2.0  # what the noise level's own error adds to the exponent: E 
 _BLOCK = 32  # samples whose energy is compared
 _SETTLING_SHARE = 16  # of the sweep, at its start
 _BURST = 4.0  # times the median block's energy
+_DOUBTED = 3.0  # times the standard deviation of a line, from which on a bent ramp is said
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -54,6 +57,7 @@ class Flag(enum.IntFlag):
     NEAR_NYQUIST = 8
     AMBIGUOUS = 16
     BURST = 32
+    MODEL_MISMATCH = 64  # a station's own line varies over the sweep as no straight ramp lets it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +85,10 @@ class EstimatorSettings:
     maximum_frequency: float = parameter(
         1e10, unit='Hz', bounds=(1.0, 1e10), description='highest frequency searched, where below the guard'
     )
+    search_range_minimum: float = parameter(
+        0.0, unit='m', bounds=(0.0, 1e7), description='shortest distance searched: leakage and walls are nearer'
+    )
+    search_range_maximum: float = parameter(1e7, unit='m', bounds=(1e-3, 1e7), description='longest distance searched')
     weak_threshold: float = parameter(
         13.0, unit='dB', bounds=(0.0, 100.0), description='signal-to-noise ratio below which a line is flagged weak'
     )
@@ -95,6 +103,11 @@ class EstimatorSettings:
             named = ' and '.join(f"'{name}'" for name in taking)
             raise ConfigurationError(
                 f"window = '{self.window}' is for estimator {named}; '{self.estimator}' has its own"
+            )
+        if self.search_range_minimum >= self.search_range_maximum:
+            raise ConfigurationError(
+                f'search_range_minimum = {self.search_range_minimum:g} m is not below '
+                f'search_range_maximum = {self.search_range_maximum:g} m'
             )
         if self.minimum_frequency >= self.maximum_frequency:
             raise ConfigurationError(
@@ -194,8 +207,9 @@ class Estimator:
         self.window_sum = float(window.sum())
         window_power = float((window**2).sum())
         bin_width, resolution = rate / self.length, 1.0 / self.duration
-        lowest = max(settings.guard_bins * resolution, settings.minimum_frequency)
-        highest = min(rate / 2 - settings.guard_bins * resolution, settings.maximum_frequency)
+        nearest, farthest = self._searched(own, peer)
+        lowest = max(settings.guard_bins * resolution, settings.minimum_frequency, nearest)
+        highest = min(rate / 2 - settings.guard_bins * resolution, settings.maximum_frequency, farthest)
         self._first, self._last = math.ceil(lowest / bin_width), math.floor(highest / bin_width)
         if self._last - self._first < 2 * _LOBE_BINS:
             raise ConfigurationError(
@@ -231,6 +245,17 @@ class Estimator:
         self._phase_noise_variance = sum(
             phase_noise_std(n, self.duration, self.weighting) ** 2 for n in self.noises if not sweep.hears_itself
         )
+
+    def _searched(self, own: Calibration | None, peer: Calibration | None) -> tuple[float, float]:
+        """Return the frequencies of a line between which the range searched lies [Hz]; all where none is set."""
+        settings, lines = self.settings, []
+        hardware = sum(c.delay for c in ((own,) if self.sweep.hears_itself else (own, peer)) if c is not None)
+        limits = settings.search_range_minimum, settings.search_range_maximum
+        if limits == (0.0, 1e7):
+            return 0.0, math.inf
+        for distance in limits:
+            lines.append(abs(beat_frequency(self.sweep, hardware + distance / SPEED_OF_LIGHT, 1.0, 1.0)))
+        return min(lines), max(lines)
 
     def __call__(
         self, samples: np.ndarray, full_scale: np.ndarray | float, spectrum: np.ndarray | None = None
@@ -400,12 +425,19 @@ class Estimator:
         ambiguous = (second > 10.0 ** (-settings.ambiguity_threshold / 10.0)) & (
             second * snr > 10.0 ** (settings.weak_threshold / 10.0)
         )
+        bent = np.zeros(len(line))
+        if sweep.hears_itself:  # a pair has tests of its own: T_off, powers, continuity
+            drift = np.sqrt(np.maximum(std**2 - independent**2, 0.0))
+            bent = contradiction(sweeps.record, np.where(absent, np.nan, frequency), ratio, sweep.sample_rate, drift)
+            bent[bent < _DOUBTED * std] = 0.0
+            std, independent = np.hypot(std, bent), np.hypot(independent, bent)
         flags = (snr_decibel < self._detection).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)
         for flag, raised in (
             (Flag.CLIPPED, clipped(sweeps.samples, full_scale)),
             (Flag.NEAR_DC, frequency < self._edges[0]),
             (Flag.NEAR_NYQUIST, frequency > self._edges[1]),
             (Flag.AMBIGUOUS, ambiguous),
+            (Flag.MODEL_MISMATCH, bent > 0.0),
         ):
             flags[raised] |= np.uint8(flag)
         return [

@@ -1,0 +1,201 @@
+"""Effects of a scene in the words of a finding: parameters with standard deviations, where they show, their gain."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from ..finding.result import Estimate, FoundEffect, Location
+from .background import Background, gain
+from .bursts import Bursts
+from .images import Image
+from .limits import JUDGE, SHAPE, SIDES
+from .material import Material
+from .rails import Limit
+from .ramps.ramp import Ramp
+from .track import Track
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """What one look at a scene brings."""
+
+    effects: tuple[FoundEffect, ...]
+    locations: tuple[Location, ...]
+    sentences: tuple[str, ...]
+    untold: tuple[str, ...] = ()
+    figures: dict[str, Any] = dataclasses.field(default_factory=dict)  # JSON-ready
+
+
+def of_ramp(found: Ramp) -> Evidence:
+    """Return window, shape and amplitude slope, as far as they are there."""
+    m, w = found.material, found.window
+    effects, locations = [], []
+    count = sum(len(line.signal) for line in found.lines)
+    later, earlier = found.narrower
+    if later or earlier:
+        parameters = {}
+        if later:
+            parameters['start'] = Estimate(w.first / m.rate, 2.0 / m.rate, 's')
+        if earlier:
+            parameters['end'] = Estimate(w.last / m.rate, 4.0 / m.rate, 's')
+        outside = m.nominal_end - (w.last if earlier else m.nominal_end) + (w.first if later else 0)
+        gained = outside * math.log(max(found.nominal / max(found.held_out, m.noise), 1.0))
+        effects.append(_effect('ramp_window', m, parameters, gained))
+        if later:
+            locations.append(Location('if_samples', m.station, 'ramp_time', 0.0, w.first / m.rate, math.nan))
+        if earlier:
+            locations.append(
+                Location('if_samples', m.station, 'ramp_time', w.last / m.rate, m.nominal_end / m.rate, math.nan)
+            )
+    sentences: list[str] = []
+    untold: list[str] = []
+    if found.bends:
+        coefficients, stds, longer = found.over_nominal()
+        parameters = {
+            f'relative_rate[{i}]': Estimate(float(v), float(s), '')
+            for i, (v, s) in enumerate(zip(coefficients, stds, strict=True))
+        }
+        straight = float(np.sqrt(np.mean([s.held_out**2 for s in found.straight])))
+        effects.append(_effect('sweep_shape', m, parameters, count * math.log(straight / found.held_out)))
+        locations.append(Location('if_samples', m.station, 'ramp_time', w.first / m.rate, w.last / m.rate, math.nan))
+        slope, slope_std = found.slope
+        if abs(slope) > 4.0 * slope_std:
+            effects.append(
+                _effect('amplitude_slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, count * SHAPE.least)
+            )
+        delay = float(found.shape.delay[0])
+        std = convention(found) * delay
+        sentences += [
+            f"The ramp's rate differs from its mean by {100.0 * float(np.std(found.rate())):.1f} % rms over the band. "
+            f'What is left on blocks of samples that were held out: {found.nominal:.1f} LSB rms beside a straight '
+            f'nominal ramp, {straight:.1f} beside a straight one within its window, {found.held_out:.1f} beside the '
+            f'shape; white noise has {m.noise:.1f}.',
+            f'Delay of the line: {1e9 * delay:.2f} ± {1e9 * std:.2f} ns, if the stated band is covered from '
+            f'{1e3 * w.begins / m.rate:.4f} to {1e3 * w.ends / m.rate:.4f} ms.',
+            f'A constant that varies slowly over the sweep by {found.constant:.0f} LSB peak to peak was fitted beside '
+            'the line; no effect of the registry describes it.',
+        ]
+        untold.append(
+            'The overall rate of the ramp cannot be separated from the length of the path without a known length: the '
+            'delay holds if the stated band is covered within the window; a ramp as long as nominal would make the '
+            f'delay {100.0 * (longer - 1.0):.1f} % longer.'
+        )
+    figures = {
+        'delays': [float(d) for d in found.shape.delay],
+        'delay_std': [float(d) * convention(found) for d in found.shape.delay],
+        'convention': 'the stated band is covered from window.begins to window.ends',
+        'window': {'begins': w.begins / m.rate, 'ends': w.ends / m.rate},
+        'misfit': {'nominal': found.nominal, 'held_out': found.held_out, 'noise': m.noise, 'unit': 'LSB'},
+        'constant': found.constant,
+    }
+    return Evidence(tuple(effects), tuple(locations), tuple(sentences), tuple(untold), {'ramp': figures})
+
+
+def convention(found: Ramp) -> float:
+    """Return the relative standard deviation of the scale of delays: where the stated band begins and ends [1]."""
+    edges = math.sqrt(2.0) * 4.0 / found.window.length
+    return math.hypot(edges, float(np.std(found.rate())) / math.sqrt(len(found.shape.std)))
+
+
+def of_limit(found: Limit, m: Material) -> Evidence:
+    """Return clipping, and the high-pass behind it."""
+    std = 20.0 / math.log(10.0) * found.level_std / found.level
+    parameters = {'level': Estimate(m.decibels(found.level), max(std, 0.05), 'dBFS')}
+    count = int(found.at.sum())
+    effects = [_effect('clipping', m, parameters, count / 2.0, found.probability)]
+    sentences = [f'{100.0 * found.share:.1f} % of the samples stand at a limit of ±{found.level:.0f} LSB.']
+    if found.pole is not None:
+        pole, pole_std = found.pole
+        effects.append(_effect('ac_coupling', m, {'pole': Estimate(pole, pole_std, 'Hz')}, count / 2.0))
+        sentences.append('The plateaus of the limit droop: the receiver limits in front of a high-pass.')
+    at = Location('if_samples', m.station, 'adc_code', found.level, float(np.abs(m.parts).max()), found.share)
+    return Evidence(tuple(effects), (at,), tuple(sentences))
+
+
+def of_bursts(found: Bursts, m: Material) -> Evidence:
+    """Return bursts of another transmitter."""
+    count = len(found.hit)
+    std = math.sqrt(found.probability * (1.0 - found.probability) / count)
+    parameters = {
+        'probability': Estimate(found.probability, math.hypot(std, 0.05 * found.probability), '1'),
+        'level': Estimate(m.decibels(found.amplitude), 2.0, 'dBFS'),
+        'duration': Estimate(found.duration, 0.25 * found.duration, 's'),
+    }
+    gained = 0.5 * float(found.at.sum()) * (math.log(found.excess) - 1.0 + 1.0 / found.excess)
+    times = np.flatnonzero(found.at.any(axis=0))
+    at = Location('noise', m.station, 'ramp_time', times[0] / m.rate, (times[-1] + 1) / m.rate, 1.0)
+    text = (
+        f'In {int(found.hit.sum())} of {count} sweeps, {100.0 * found.share:.1f} % of the samples, the power that no '
+        f'line predicts is {10.0 * math.log10(found.excess):.1f} dB above that of the others.'
+    )
+    return Evidence((_effect('interference_burst', m, parameters, gained),), (at,), (text,))
+
+
+def of_image(found: Image, m: Material) -> Evidence:
+    """Return the imbalance of I and Q."""
+    std = 2.0 * found.std
+    parameters = {
+        'gain': Estimate(found.gain, 20.0 / math.log(10.0) * std, 'dB'),
+        'phase': Estimate(found.phase, math.degrees(std), 'deg'),
+    }
+    gained = 0.5 * (abs(found.ratio) / found.std) ** 2
+    at = Location('if_spectrum', m.station, 'if_frequency', -0.5 * m.rate, 0.5 * m.rate, math.nan)
+    text = f'{found.lines} cells of range and velocity have an image of {20.0 * math.log10(abs(found.ratio)):.1f} dB.'
+    return Evidence((_effect('iq_imbalance', m, parameters, gained),), (at,), (text,))
+
+
+def of_background(found: Background, moving: Track | None, m: Material) -> Evidence:
+    """Return leakage, and what repeats and moves in sentences: no effect of the registry describes it."""
+    effects: tuple[FoundEffect, ...] = ()
+    locations: tuple[Location, ...] = ()
+    if found.leaks:
+        parameters = {'level': Estimate(m.decibels(found.leakage), 0.1, 'dBFS')}
+        effects = (_effect('tx_leakage', m, parameters, m.signal.size * math.log(found.leakage / found.line)),)
+        locations = (Location('if_spectrum', m.station, 'if_frequency', 0.0, 2.0 * m.rate / m.signal.shape[1], 1.0),)
+    said = [
+        'What repeats with the ramp lowers the misfit of the last third of the sweeps from '
+        f'{found.constant:.1f} LSB rms beside a constant to {found.repeating:.1f}; {len(found.patterns)} patterns over '
+        f'the ramp with an amplitude of their own in each sweep lower it to {found.varying:.1f}, '
+        f'{gain(found.constant, found.varying):.1f} dB in all. These are measured, not explained.'
+    ]
+    if moving is not None:
+        paths = moving.path[np.isfinite(moving.path)]
+        said.append(
+            f'The strongest line that is not the same in all sweeps stands at paths of {paths.min():.1f} to '
+            f'{paths.max():.1f} m, {paths[0]:.1f} m in the first sweeps and {paths[-1]:.1f} m in the last ones; a '
+            'target is at half of it.'
+        )
+    misfit = {'constant': found.constant, 'repeating': found.repeating, 'varying': found.varying, 'unit': 'LSB'}
+    figures: dict[str, Any] = {'background': misfit | {'patterns': len(found.patterns)}}
+    if moving is not None:
+        paths = [None if math.isnan(p) else float(p) for p in moving.path]
+        figures['track'] = {'sweep': moving.sweep.tolist(), 'path': paths}
+    return Evidence(effects, locations, tuple(said), (), figures)
+
+
+def of_side(m: Material) -> Evidence:
+    """Say where the lines of a quadrature receiver stand on the side on which no rising ramp has echoes."""
+    if not m.iq:
+        return Evidence((), (), ())
+    flat = m.signal - m.signal.mean(axis=1, keepdims=True)
+    count = m.signal.shape[1]
+    power = np.mean(np.abs(np.fft.fft(flat * np.hanning(count), axis=1)) ** 2, axis=0)
+    half = slice(SIDES.cells, count // 2)
+    expected, other = float(power[half].max()), float(power[::-1][half].max())
+    if m.bandwidth < 0.0:
+        expected, other = other, expected
+    mirrored = other > expected * 10.0 ** (SIDES.above / 10.0)
+    said = (
+        'The strongest line stands at the frequency of the opposite sign: I and Q may be swapped, or the ramp may have '
+        'the other direction.',
+    )
+    return Evidence((), (), said if mirrored else (), (), {'mirrored': True} if mirrored else {})
+
+
+def _effect(
+    name: str, m: Material, parameters: dict[str, Estimate], gain: float, probability: float | None = None
+) -> FoundEffect:
+    chance = math.exp(-min(gain, 690.0)) if probability is None else probability
+    return FoundEffect(name, m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))

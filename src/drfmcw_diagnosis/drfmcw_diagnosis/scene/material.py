@@ -1,0 +1,85 @@
+"""The samples of a station that hears itself, as numbers to compute with."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+
+from ..recording.dataset import Dataset
+from .limits import MATERIAL
+
+
+@dataclasses.dataclass(frozen=True)
+class Material:
+    """Sweeps of one station, one setting."""
+
+    station: str
+    signal: np.ndarray  # (n, N) real or complex [LSB]
+    rate: float  # of the samples [Hz]
+    start_frequency: float  # [Hz]
+    bandwidth: float  # [Hz]
+    duration: float  # of the nominal ramp [s]
+    full_scale: float  # [LSB]
+    group: np.ndarray  # (n,) number of the group of consecutive sweeps under the same conditions
+
+    @property
+    def iq(self) -> bool:
+        """Quadrature samples."""
+        return bool(np.iscomplexobj(self.signal))
+
+    @property
+    def nominal_end(self) -> int:
+        """Number of samples within the nominal ramp."""
+        return int(min(self.signal.shape[1], math.floor(self.duration * self.rate) + 1))
+
+    @property
+    def parts(self) -> np.ndarray:
+        """Real numbers of the ADC, (n, N) or (2 n, N)."""
+        return np.concatenate([self.signal.real, self.signal.imag]) if self.iq else self.signal
+
+    @functools.cached_property
+    def noise(self) -> float:
+        """Standard deviation of the white noise of each real number [LSB].
+
+        From fourth differences of neighbouring samples, which a signal well below the sampling rate makes small; robust
+        against jumps. Quantisation bounds it from below.
+        """
+        difference = np.diff(self.parts, 4, axis=1)
+        spread = MATERIAL.mad_to_std * float(np.median(np.abs(difference))) / math.sqrt(70.0)
+        return max(spread, 1.0 / math.sqrt(12.0))
+
+    def decibels(self, amplitude: float) -> float:
+        """Return an amplitude [LSB] in dBFS."""
+        return 20.0 * math.log10(max(amplitude, 1e-9) / self.full_scale)
+
+
+def material(data: Dataset) -> Material:
+    """Return the sweeps of the setting that most of them have, thinned evenly where they are too many."""
+    setting = int(np.bincount(data.setting).argmax())
+    rows = np.flatnonzero(data.setting == setting)
+    samples = data.samples_of(0)
+    most = max(MATERIAL.fewest, MATERIAL.values // samples.shape[1])
+    if len(rows) > most:  # whole runs of consecutive sweeps are kept: movements show in them
+        rows = rows[:most]
+    signal = samples[rows].astype(float)
+    (sweep,) = data.sweeps[setting]
+    return Material(
+        station=data.stations[0],
+        signal=signal[:, ::2] + 1j * signal[:, 1::2] if data.iq else signal,
+        rate=float(sweep.sample_rate),
+        start_frequency=float(sweep.start_frequency),
+        bandwidth=float(sweep.bandwidth),
+        duration=float(sweep.ramp_duration),
+        full_scale=float(np.median(data.full_scale[0])),
+        group=data.group[rows],
+    )
+
+
+def averaged(m: Material, span: int) -> Material:
+    """Return the means of spans of so many samples, for a line far below the sampling rate."""
+    if span < 2:
+        return m
+    count = m.signal.shape[1] // span
+    signal = m.signal[:, : count * span].reshape(len(m.signal), count, span).mean(axis=2)
+    return dataclasses.replace(m, signal=signal, rate=m.rate / span)
