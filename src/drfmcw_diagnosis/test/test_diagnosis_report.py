@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from drfmcw_diagnosis.finding import wording
+from drfmcw_diagnosis.finding import quantities, wording
 from drfmcw_diagnosis.finding.report import render_html
 from drfmcw_diagnosis.finding.result import (
     BeforeAfter,
@@ -292,15 +292,15 @@ def test_page_holds_every_figure(case):
         assert ' '.join(sentence.split()) in said
     for location in diagnosis.locations:
         assert wording.span(location) in said
-        assert wording.share(location.share) in said
+        assert quantities.share(location.share) in said
     for explanation in (diagnosis.explanation, *diagnosis.alternatives):
         for found in explanation.effects if explanation else ():
             for name, estimate in found.parameters.items():
                 assert name.replace('_', ' ') in said
-                assert wording.quantity(estimate.value, estimate.std, estimate.unit) in said
+                assert quantities.quantity(estimate.value, estimate.std, estimate.unit) in said
     for figure in (diagnosis.fit.fitted, diagnosis.fit.held_out):
-        assert wording.misfit(figure.before) in said and (
-            not diagnosis.explanation or wording.misfit(figure.after) in said
+        assert quantities.misfit(figure.before) in said and (
+            not diagnosis.explanation or quantities.misfit(figure.after) in said
         )
     if diagnosis.fit.range_bias:
         assert all(
@@ -329,7 +329,7 @@ def test_sentences_name_effect_station_size_and_unit(name):
         assert found.effect.split('_')[-1] in said.lower()
         assert found.station is None or f'at {found.station}' in said
         for estimate in found.parameters.values():
-            assert wording.quantity(estimate.value, estimate.std, estimate.unit) in said
+            assert quantities.quantity(estimate.value, estimate.std, estimate.unit) in said
     if diagnosis.verdict == 'unexplained' and not diagnosis.explanation:
         assert not any(
             effect.replace('_', ' ') in said
@@ -372,7 +372,7 @@ def test_every_effect_is_described_by_its_own_declaration():
     ],
 )
 def test_quantities_have_sensible_digits(value, std, unit, expected):
-    assert wording.quantity(value, std, unit) == expected
+    assert quantities.quantity(value, std, unit) == expected
 
 
 def test_chance_and_spans():

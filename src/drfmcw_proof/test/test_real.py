@@ -1,10 +1,9 @@
 """The proof on real recordings: what is added is found, nothing else; skipped where no real recording lies."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
-from checkout import DATA
+from checkout import DATA, SHARED
 
 from drfmcw_diagnosis.engine import diagnose, diagnose_dataset
 from drfmcw_diagnosis.recording.dataset import read_dataset
@@ -15,7 +14,7 @@ from drfmcw_proof.prove import main
 from drfmcw_proof.real.concealing import concealments, swapped
 from drfmcw_proof.real.running import recordings
 
-REAL = Path('/work/shared/recordings/real')
+REAL = SHARED / 'real'
 real = pytest.mark.skipif(not REAL.exists(), reason='real recordings are not in the repository')
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from PIL import Image
 
-from . import wording
+from . import quantities, wording
 from .limits import PLOTS
 from .result import Fit, Location, MisfitMap, Series
 
@@ -109,7 +109,7 @@ def _cell(value: float) -> str:
     """Return a misfit in four characters, up to 10 000."""
     if value < 0.095:
         return f'{value:.2f}'
-    return wording.plain(value, 2 if value < 100.0 else 3)
+    return quantities.plain(value, 2 if value < 100.0 else 3)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,8 +139,8 @@ def series_panels(
         **{field: np.asarray(getattr(series, field), float)[known] for field in ('x', 'residual', 'std', 'curve')},
     )
     name, axis_unit = wording.axis(series.axis)
-    x_factor, x_unit = wording.scaled(_largest(series.x), axis_unit)
-    y_factor, y_unit = wording.scaled(_largest(series.residual), series.unit)
+    x_factor, x_unit = quantities.scaled(_largest(series.x), axis_unit)
+    y_factor, y_unit = quantities.scaled(_largest(series.residual), series.unit)
     x = series.x * x_factor
     std = series.std * y_factor
     curve = series.curve * y_factor

@@ -2,7 +2,7 @@
 
 import math
 
-from . import wording
+from . import quantities
 from .limits import REPEATS
 from .result import MeasuredCurve, MeasuredRemainder, RandomPart, Remainder
 
@@ -25,8 +25,9 @@ def sentences(rest: Remainder) -> list[str]:
     if measured.curves:
         said = [
             f'What repeats of it was learnt from the data: it is measured, not physics. {_listed(measured)}.',
-            f'On the {on} sweeps it lowers the misfit from {wording.misfit(judged.before)} to '
-            f'{wording.misfit(judged.after)} and predicts {wording.share(measured.repeats)} of what exceeds chance.',
+            f'On the {on} sweeps it lowers the misfit from {quantities.misfit(judged.before)} to '
+            f'{quantities.misfit(judged.after)} and predicts {quantities.share(measured.repeats)} of what exceeds '
+            'chance.',
         ]
         said += _elsewhere(measured)
     else:
@@ -40,7 +41,7 @@ def sentences(rest: Remainder) -> list[str]:
 
 
 def _listed(measured: MeasuredRemainder) -> str:
-    return wording.capital('; '.join(map(curve_words, measured.curves)))
+    return quantities.capital('; '.join(map(curve_words, measured.curves)))
 
 
 def curve_words(curve: MeasuredCurve) -> str:
@@ -70,14 +71,14 @@ def random_sentence(part: RandomPart) -> str:
     beyond = [(a, b, x) for a, b, x in part.spectrum if x is not None and abs(x) > REPEATS.decibel]
     if beyond:
         low, high, level = max(beyond, key=lambda band: abs(band[2]))
-        unit, shown = wording.scaled(high, 'Hz')
+        unit, shown = quantities.scaled(high, 'Hz')
         said.append(f'noise {level:+.1f} dB beyond the model at {low * unit:.0f} to {high * unit:.0f} {shown}')
     if part.strongest > REPEATS.steady:
         said.append(
-            f'{wording.share(part.strongest)} of the power beside the line in the strongest hundredth of the spans'
+            f'{quantities.share(part.strongest)} of the power beside the line in the strongest hundredth of the spans'
         )
     if part.sweep_std > REPEATS.sweep_decibel:
         said.append(f'a power beside the line that changes by {part.sweep_std:.1f} dB from sweep to sweep')
     if part.modulation is not None and math.isfinite(part.modulation):
-        said.append(f'amplitude or phase modulated at {wording.number(part.modulation, "Hz")} in each sweep anew')
+        said.append(f'amplitude or phase modulated at {quantities.number(part.modulation, "Hz")} in each sweep anew')
     return f'Random from sweep to sweep at {part.station}: {"; ".join(said)}.' if said else ''

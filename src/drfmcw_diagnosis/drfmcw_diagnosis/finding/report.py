@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from markupsafe import Markup, escape
 
-from . import plots, repeating, wording
+from . import plots, quantities, repeating, wording
 from .limits import PAGE, SEPARATION
 from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
@@ -90,6 +90,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
     return _ENVIRONMENT.get_template('report.html').render(
         d=diagnosis,
         w=wording,
+        q=quantities,
         headline=wording.headline(diagnosis),
         paragraphs=wording.paragraphs(diagnosis),
         tiles=_tiles(diagnosis),
@@ -158,12 +159,12 @@ def _panel(series: Series, diagnosis: Diagnosis) -> Panel:
     squares = _squares(series, series.residual)
     note = ''
     if len(squares):
-        note = f'misfit {wording.misfit(float(squares.mean()))}'
+        note = f'misfit {quantities.misfit(float(squares.mean()))}'
         if explained:
             after = _squares(series, series.residual - series.curve)
-            note += f' → {wording.misfit(float(after.mean()))}'
+            note += f' → {quantities.misfit(float(after.mean()))}'
     image = _uri(plots.series_panels(series, diagnosis.locations, explained))
-    return Panel(wording.capital(series.label), note, image)
+    return Panel(quantities.capital(series.label), note, image)
 
 
 def _learnt_panel(series: Series) -> Panel:
@@ -171,8 +172,8 @@ def _learnt_panel(series: Series) -> Panel:
     squares, after = _squares(series, series.residual), _squares(series, series.residual - series.curve)
     note = ''
     if len(squares):
-        note = f'misfit {wording.misfit(float(squares.mean()))} → {wording.misfit(float(after.mean()))}'
-    return Panel(wording.capital(series.label), note, _uri(plots.series_panels(series, (), True, plots.LEARNT)))
+        note = f'misfit {quantities.misfit(float(squares.mean()))} → {quantities.misfit(float(after.mean()))}'
+    return Panel(quantities.capital(series.label), note, _uri(plots.series_panels(series, (), True, plots.LEARNT)))
 
 
 def _tiles(diagnosis: Diagnosis) -> list[Tile]:
@@ -185,12 +186,12 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
     tiles = []
     measured = diagnosis.remainder.measured if diagnosis.remainder else None
     if math.isfinite(fit.held_out.before):
-        after = f' → {wording.misfit(fit.held_out.after)}' if explained else ''
-        value = wording.misfit(fit.held_out.before) + after
+        after = f' → {quantities.misfit(fit.held_out.after)}' if explained else ''
+        value = quantities.misfit(fit.held_out.before) + after
         tiles.append(Tile('misfit on held-out sweeps', value, '1 for a correct model'))
     if measured is not None and measured.curves:
         shown = (measured.held_out or measured.fitted).after
-        tiles.append(Tile('misfit with the measured remainder', wording.misfit(shown), 'measured, not physics'))
+        tiles.append(Tile('misfit with the measured remainder', quantities.misfit(shown), 'measured, not physics'))
     if fit.range_bias is not None:
         tiles.append(Tile('mean range error', both(fit.range_bias), 'against the reference'))
     if fit.range_std is not None:
@@ -220,7 +221,7 @@ def _ranking(diagnosis: Diagnosis) -> list[Ranked]:
         Ranked(
             wording.explanation_title(r),
             tuple(', '.join(f'{p.name} {p.size}' for p in wording.effect_words(e).parameters) for e in r.effects),
-            wording.plain(r.log_evidence_gain, 3),
+            quantities.plain(r.log_evidence_gain, 3),
             'best' if r.log_evidence_gain == best else f'{wording.odds(best - r.log_evidence_gain)} probable',
             100.0 * max(0.0, r.log_evidence_gain) / best if best > 0.0 else 0.0,
             r is diagnosis.explanation,
@@ -233,9 +234,9 @@ def _deciding(diagnosis: Diagnosis) -> list[Deciding]:
     return [
         Deciding(
             m.sentence,
-            wording.plain(m.separation, 2),
+            quantities.plain(m.separation, 2),
             100.0 * min(m.separation / SEPARATION.full_bar, 1.0),
-            wording.capital(wording.ruled_out(m, diagnosis)),
+            quantities.capital(wording.ruled_out(m, diagnosis)),
             m.decides > 0,
         )
         for m in diagnosis.measurements
@@ -253,7 +254,7 @@ def _cells(separability: Separability) -> list[tuple[str, list[Cell]]]:
             elif math.isnan(distance):
                 cells.append(Cell('', ''))
             else:
-                text = '∞' if math.isinf(distance) else wording.plain(distance, 2)
+                text = '∞' if math.isinf(distance) else quantities.plain(distance, 2)
                 cells.append(Cell(text, 'near' if distance < SEPARATION.separable else 'far'))
         rows.append((name, cells))
     return rows

@@ -12,6 +12,7 @@ from drfmcw_sim.effects import Effect, Of
 
 from . import repeating
 from .limits import SENTENCES, SEPARATION
+from .quantities import capital, gap, misfit, number, plain, quantity, scaled, share, symbol
 from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Location, NextMeasurement
 
 AXES = {
@@ -34,74 +35,7 @@ LEVEL_WORDS = {
     'range': 'range',
 }
 
-_UNITS = {'1': '', '1e-6': '·10⁻⁶', 'm^2': 'm²', 'degC': '°C'}
-_PREFIXES = {  # {unit: (smallest shown [unit], factor, shown as), ...}, the first that fits is taken
-    'Hz': ((1e9, 1e-9, 'GHz'), (1e6, 1e-6, 'MHz'), (1e4, 1e-3, 'kHz'), (1.0, 1.0, 'Hz'), (0.0, 1e3, 'mHz')),
-    's': ((1.0, 1.0, 's'), (1e-3, 1e3, 'ms'), (1e-6, 1e6, 'µs'), (0.0, 1e9, 'ns')),
-    'm': ((1.0, 1.0, 'm'), (0.0, 1e3, 'mm')),
-}
 _IDEAL = 'A correct model gives 1.'
-
-
-def scaled(magnitude: float, unit: str) -> tuple[float, str]:
-    """Return the (factor, unit as shown) that suit a number of size `magnitude` [unit]."""
-    if not magnitude:
-        return 1.0, _UNITS.get(unit, unit)
-    for smallest, factor, shown in _PREFIXES.get(unit, ()):
-        if abs(magnitude) >= smallest:
-            return factor, shown
-    return 1.0, _UNITS.get(unit, unit)
-
-
-def plain(value: float, digits: int = 3) -> str:
-    """Return a number with `digits` significant digits, without an exponent if it is neither tiny nor huge."""
-    if not math.isfinite(value):
-        return 'unknown'
-    if value == 0.0:
-        return '0'
-    written = f'{value:.{digits - 1}e}'
-    exponent = int(written.partition('e')[2])
-    if not -5 < exponent < 7:
-        return written
-    return f'{round(value, digits - 1 - exponent):.{max(0, digits - 1 - exponent)}f}'
-
-
-def number(value: float, unit: str, digits: int = 3, sign: bool = False) -> str:
-    """Return a number with its unit, scaled."""
-    factor, shown = scaled(value, unit)
-    return f'{"+" if sign and value > 0.0 else ""}{plain(value * factor, digits)}{_gap(shown)}'
-
-
-def quantity(value: float, std: float, unit: str) -> str:
-    """Return 'value ± std unit': one digit of the std, two if it begins with 1 or 2; the value to the same decimal."""
-    if not math.isfinite(std) or std <= 0.0:
-        return f'{number(value, unit, 4)} (uncertainty unknown)'
-    factor, shown = scaled(max(abs(value), std), unit)
-    value, std = value * factor, std * factor
-    exponent = math.floor(math.log10(std))
-    decimals = -exponent + (float(f'{std:.1e}') < 3.0 * 10.0**exponent)
-    if decimals > 9 or exponent > 6:
-        return f'{value:.6g} ± {std:.2g} {shown}'.strip()
-    shown_decimals = max(0, decimals)
-    text = f'{round(value, decimals):.{shown_decimals}f} ± {round(std, decimals):.{shown_decimals}f}'
-    return f'({text}){shown}' if shown.startswith('·') else f'{text}{_gap(shown)}'
-
-
-def _gap(unit: str) -> str:
-    return f' {unit}' if unit and not unit.startswith('·') else unit
-
-
-def misfit(value: float) -> str:
-    """Return a misfit per degree of freedom."""
-    return f'{value:.2f}' if abs(value) < 9.995 else plain(value, 3)
-
-
-def share(value: float) -> str:
-    """Return a share in per cent."""
-    if not math.isfinite(value):
-        return 'unknown'
-    percent = 100.0 * value
-    return 'less than 1 %' if 0.0 < percent < 0.5 else f'{percent:.0f} %'
 
 
 def chance(probability: float) -> str:
@@ -141,9 +75,9 @@ def span(location: Location) -> str:
     factor, shown = scaled(max(abs(location.start), abs(location.end)), unit)
     start, end = location.start * factor, location.end * factor
     if end <= start:
-        return f'{name} {plain(start)}{_gap(shown)}'
+        return f'{name} {plain(start)}{gap(shown)}'
     decimals = max(0, 1 - math.floor(math.log10(end - start)))
-    return f'{name} {start:.{decimals}f} to {end:.{decimals}f}{_gap(shown)}'
+    return f'{name} {start:.{decimals}f} to {end:.{decimals}f}{gap(shown)}'
 
 
 def axis(name: str) -> tuple[str, str]:
@@ -229,7 +163,7 @@ def effect_sentence(found: FoundEffect) -> str:
         first = next(iter(found.parameters))
         name = parameter_name(first).replace('_', ' ')
         sizes = f'{name}: {len(values)} values from {plain(min(values))} to {plain(max(values))}'
-        sizes += f'{_gap(_UNITS.get(found.parameters[first].unit, found.parameters[first].unit))}'
+        sizes += f'{gap(symbol(found.parameters[first].unit))}'
     text = f'{capital(words.title)}: {words.headline}. {_first_sentence(words.description)}'
     if sizes:
         text += f' {capital(sizes)}.'
@@ -245,11 +179,6 @@ def millimetres(*values: float, sign: bool = True) -> list[str]:
         return [number(value, 'm', sign=sign) for value in values]
     texts = [f'{1e3 * value:{"+" if sign else ""}.{2 if largest < 1e-3 else 1}f}' for value in values]
     return [f'{text.lstrip("+-") if float(text) == 0.0 else text} mm' for text in texts]
-
-
-def capital(text: str) -> str:
-    """Return the text with a capital first letter."""
-    return text[:1].upper() + text[1:]
 
 
 def _first_sentence(text: str | None) -> str:

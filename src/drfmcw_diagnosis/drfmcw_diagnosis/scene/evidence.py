@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from drfmcw_sim.effects import Effect
+
 from ..finding.result import Estimate, FoundEffect, Location
 from .background import Background, gain
 from .bursts import Bursts
@@ -24,8 +26,14 @@ class Evidence:
     effects: tuple[FoundEffect, ...]
     locations: tuple[Location, ...]
     sentences: tuple[str, ...]
-    untold: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)  # JSON-ready
+
+
+def shown_by(evidence: str) -> str:
+    """Return the name of the effect whose evidence that is."""
+    (name,) = (name for name, kind in Effect.registry.items() if kind.evidence == evidence)
+    return name
 
 
 def of_ramp(found: Ramp) -> Evidence:
@@ -42,7 +50,7 @@ def of_ramp(found: Ramp) -> Evidence:
             parameters['end'] = Estimate(w.last / m.rate, 4.0 / m.rate, 's')
         outside = m.nominal_end - (w.last if earlier else m.nominal_end) + (w.first if later else 0)
         gained = outside * math.log(max(found.nominal / max(found.held_out, m.noise), 1.0))
-        effects.append(_effect('ramp_window', m, parameters, gained))
+        effects.append(_effect('window', m, parameters, gained))
         if later:
             locations.append(Location('if_samples', m.station, 'ramp_time', 0.0, w.first / m.rate, math.nan))
         if earlier:
@@ -50,7 +58,7 @@ def of_ramp(found: Ramp) -> Evidence:
                 Location('if_samples', m.station, 'ramp_time', w.last / m.rate, m.nominal_end / m.rate, math.nan)
             )
     sentences: list[str] = []
-    untold: list[str] = []
+    undetermined: list[str] = []
     if found.bends:
         coefficients, stds, longer = found.over_nominal()
         parameters = {
@@ -58,12 +66,12 @@ def of_ramp(found: Ramp) -> Evidence:
             for i, (v, s) in enumerate(zip(coefficients, stds, strict=True))
         }
         straight = float(np.sqrt(np.mean([s.held_out**2 for s in found.straight])))
-        effects.append(_effect('sweep_shape', m, parameters, count * math.log(straight / found.held_out)))
+        effects.append(_effect('rate', m, parameters, count * math.log(straight / found.held_out)))
         locations.append(Location('if_samples', m.station, 'ramp_time', w.first / m.rate, w.last / m.rate, math.nan))
         slope, slope_std = found.slope
         if abs(slope) > 4.0 * slope_std:
             effects.append(
-                _effect('amplitude_slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, count * SHAPE.least)
+                _effect('slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, count * SHAPE.least)
             )
         delay = float(found.shape.delay[0])
         std = convention(found) * delay
@@ -77,7 +85,7 @@ def of_ramp(found: Ramp) -> Evidence:
             f'A constant that varies slowly over the sweep by {found.constant:.0f} LSB peak to peak was fitted beside '
             'the line; no effect of the registry describes it.',
         ]
-        untold.append(
+        undetermined.append(
             'The overall rate of the ramp cannot be separated from the length of the path without a known length: the '
             'delay holds if the stated band is covered within the window; a ramp as long as nominal would make the '
             f'delay {100.0 * (longer - 1.0):.1f} % longer.'
@@ -90,7 +98,7 @@ def of_ramp(found: Ramp) -> Evidence:
         'misfit': {'nominal': found.nominal, 'held_out': found.held_out, 'noise': m.noise, 'unit': 'LSB'},
         'constant': found.constant,
     }
-    return Evidence(tuple(effects), tuple(locations), tuple(sentences), tuple(untold), {'ramp': figures})
+    return Evidence(tuple(effects), tuple(locations), tuple(sentences), tuple(undetermined), {'ramp': figures})
 
 
 def convention(found: Ramp) -> float:
@@ -104,11 +112,11 @@ def of_limit(found: Limit, m: Material) -> Evidence:
     std = 20.0 / math.log(10.0) * found.level_std / found.level
     parameters = {'level': Estimate(m.decibels(found.level), max(std, 0.05), 'dBFS')}
     count = int(found.at.sum())
-    effects = [_effect('clipping', m, parameters, count / 2.0, found.probability)]
+    effects = [_effect('limit', m, parameters, count / 2.0, found.probability)]
     sentences = [f'{100.0 * found.share:.1f} % of the samples stand at a limit of ±{found.level:.0f} LSB.']
     if found.pole is not None:
         pole, pole_std = found.pole
-        effects.append(_effect('ac_coupling', m, {'pole': Estimate(pole, pole_std, 'Hz')}, count / 2.0))
+        effects.append(_effect('droop', m, {'pole': Estimate(pole, pole_std, 'Hz')}, count / 2.0))
         sentences.append('The plateaus of the limit droop: the receiver limits in front of a high-pass.')
     at = Location('if_samples', m.station, 'adc_code', found.level, float(np.abs(m.parts).max()), found.share)
     return Evidence(tuple(effects), (at,), tuple(sentences))
@@ -130,7 +138,7 @@ def of_bursts(found: Bursts, m: Material) -> Evidence:
         f'In {int(found.hit.sum())} of {count} sweeps, {100.0 * found.share:.1f} % of the samples, the power that no '
         f'line predicts is {10.0 * math.log10(found.excess):.1f} dB above that of the others.'
     )
-    return Evidence((_effect('interference_burst', m, parameters, gained),), (at,), (text,))
+    return Evidence((_effect('bursts', m, parameters, gained),), (at,), (text,))
 
 
 def of_image(found: Image, m: Material) -> Evidence:
@@ -143,7 +151,7 @@ def of_image(found: Image, m: Material) -> Evidence:
     gained = 0.5 * (abs(found.ratio) / found.std) ** 2
     at = Location('if_spectrum', m.station, 'if_frequency', -0.5 * m.rate, 0.5 * m.rate, math.nan)
     text = f'{found.lines} cells of range and velocity have an image of {20.0 * math.log10(abs(found.ratio)):.1f} dB.'
-    return Evidence((_effect('iq_imbalance', m, parameters, gained),), (at,), (text,))
+    return Evidence((_effect('image', m, parameters, gained),), (at,), (text,))
 
 
 def of_background(found: Background, moving: Track | None, m: Material) -> Evidence:
@@ -152,7 +160,7 @@ def of_background(found: Background, moving: Track | None, m: Material) -> Evide
     locations: tuple[Location, ...] = ()
     if found.leaks:
         parameters = {'level': Estimate(m.decibels(found.leakage), 0.1, 'dBFS')}
-        effects = (_effect('tx_leakage', m, parameters, m.signal.size * math.log(found.leakage / found.line)),)
+        effects = (_effect('leakage', m, parameters, m.signal.size * math.log(found.leakage / found.line)),)
         locations = (Location('if_spectrum', m.station, 'if_frequency', 0.0, 2.0 * m.rate / m.signal.shape[1], 1.0),)
     said = [
         'What repeats with the ramp lowers the misfit of the last third of the sweeps from '
@@ -195,7 +203,7 @@ def of_side(m: Material) -> Evidence:
 
 
 def _effect(
-    name: str, m: Material, parameters: dict[str, Estimate], gain: float, probability: float | None = None
+    shown: str, m: Material, parameters: dict[str, Estimate], gain: float, probability: float | None = None
 ) -> FoundEffect:
     chance = math.exp(-min(gain, 690.0)) if probability is None else probability
-    return FoundEffect(name, m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))
+    return FoundEffect(shown_by(shown), m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))

@@ -13,7 +13,7 @@ from ..recording.dataset import Dataset
 from .background import Background, background
 from .bursts import Bursts, bursts, unpredicted
 from .censored import limited_fit
-from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp, of_side
+from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp, of_side, shown_by
 from .images import Image, image, measured
 from .limits import JUDGE
 from .material import Material, material
@@ -52,12 +52,12 @@ def examine(
     single, at_zero = _alone(m)
     found: list[Evidence] = []
     unusable = np.zeros(m.parts.shape, bool)
-    limited = None if single or 'clipping' in without else limit(m)
+    limited = None if single or shown_by('limit') in without else limit(m)
     if limited is not None:
         found.append(of_limit(limited, m))
         unusable |= limited.at
     bursting = None
-    if not single and limited is None and 'interference_burst' not in without:
+    if not single and limited is None and shown_by('bursts') not in without:
         bursting = bursts(m)
     if bursting is not None:
         found.append(of_bursts(bursting, m))
@@ -65,7 +65,7 @@ def examine(
     bent = (shared or ramp(m)) if limited is None and bursting is None else None
     if bent is not None and (bent.bends or any(bent.narrower)):
         found.append(_kept(of_ramp(bent), without))
-    imaged = image(_without(bursting, m)) if 'iq_imbalance' not in without else None
+    imaged = image(_without(bursting, m)) if shown_by('image') not in without else None
     if imaged is not None:
         found.append(of_image(imaged, m))
     if (single or at_zero) and not any(e.effects for e in found):
@@ -77,7 +77,8 @@ def examine(
     if limited is not None:
         fit = limited_fit(m, limited)
     else:
-        ramped = any(e.effect in ('ramp_window', 'sweep_shape') for part in found for e in part.effects)
+        of_the_ramp = shown_by('window'), shown_by('rate')
+        ramped = any(e.effect in of_the_ramp for part in found for e in part.effects)
         fit = _ramp_fit(bent) if bent is not None and ramped else _fit(m, unusable)
     if repeated is not None and repeated.leaks:
         fit = _leakage_fit(m, repeated)
@@ -197,7 +198,7 @@ def _diagnosis(
         refined_config=refined,
         not_testable=(
             *data.missing,
-            *(text for evidence in found for text in evidence.untold),
+            *(text for evidence in found for text in evidence.undetermined),
             'A scene of several lines has no nominal model: its lines are predicted from the samples, and only what '
             'receiver and ramp do to them is searched for.',
         ),

@@ -14,6 +14,7 @@ from drfmcw_ros.cli import write_atomically
 from ..finding.refined import scenario_mapping
 from ..finding.result import FoundEffect
 from ..recording.dataset import Dataset
+from .evidence import shown_by
 from .ramps.ramp import Ramp
 
 
@@ -37,7 +38,7 @@ def write_refined(path: Path, data: Dataset, effects: Sequence[FoundEffect], ben
         stop['steps'] = [0.0] * len(stop['steps'])
         m = bent.material
         station = mapping['stations'][m.station]
-        slope = next((e.parameters['slope'].value for e in effects if e.effect == 'amplitude_slope'), 0.0)
+        slope = next((e.parameters['slope'].value for e in effects if e.effect == shown_by('slope')), 0.0)
         fading = np.mean(10.0 ** (-slope / 10.0 * np.linspace(0.0, 1.0, 100)))  # of the power, from the ramp's start
         full_scale = station['full_scale_power']
         station['rx_antenna_gain'] = float(m.decibels(bent.amplitude / math.sqrt(fading)) + full_scale)

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from drfmcw_sim.effects import Effect
 
-from ..finding import wording
+from ..finding import quantities, wording
 from ..finding.result import Diagnosis, Estimate, FoundEffect, effect_object, known
 from ..finding.summary import COLORS
 from .joint import Elsewhere, Joint, Shared
@@ -84,7 +84,7 @@ def title(effect: str, station: str | None) -> str:
 def sizes(parameters: Mapping[str, Estimate]) -> str:
     """Return parameters with their sizes, joined."""
     return ', '.join(
-        f'{name.replace("_", " ")} {wording.quantity(e.value, e.std, e.unit)}' for name, e in parameters.items()
+        f'{name.replace("_", " ")} {quantities.quantity(e.value, e.std, e.unit)}' for name, e in parameters.items()
     )
 
 
@@ -97,7 +97,7 @@ def agreement(shared: Shared, names: Mapping[str, str]) -> str:
         chance = wording.chance(shared.probability).removesuffix(' recordings')
         alike = 'agree' if shared.probability >= JOINT.disagreement else 'DISAGREE'
         said.append(
-            f'The recordings in which it was found {alike}: chi-square {wording.plain(shared.chi_square)} for '
+            f'The recordings in which it was found {alike}: chi-square {quantities.plain(shared.chi_square)} for '
             f'{shared.freedom} degrees of freedom, by chance in {chance}.'
         )
     if shared.contradicting:
@@ -109,7 +109,8 @@ def agreement(shared: Shared, names: Mapping[str, str]) -> str:
 
 def elsewhere_words(x: Elsewhere, names: Mapping[str, str]) -> str:
     """Return what a recording says of an effect that was not found in it."""
-    return f'{names[x.recording]}: {x.words} ({wording.plain(x.scale, 2)} ± {wording.plain(x.std, 2)} of the size)'
+    size = f'{quantities.plain(x.scale, 2)} ± {quantities.plain(x.std, 2)} of the size'
+    return f'{names[x.recording]}: {x.words} ({size})'
 
 
 def _misfits(diagnosis: Diagnosis) -> str:
@@ -117,13 +118,13 @@ def _misfits(diagnosis: Diagnosis) -> str:
     if not math.isfinite(fit.before):
         fit = diagnosis.fit.fitted
     if diagnosis.explanation is None:
-        return wording.misfit(fit.before)
-    return f'{wording.misfit(fit.before)} → {wording.misfit(fit.after)}'
+        return quantities.misfit(fit.before)
+    return f'{quantities.misfit(fit.before)} → {quantities.misfit(fit.after)}'
 
 
 def _effects(diagnosis: Diagnosis) -> list[str]:
     found = diagnosis.explanation.effects if diagnosis.explanation else ()
-    return [wording.capital(wording.effect_title(e)) for e in found]
+    return [quantities.capital(wording.effect_title(e)) for e in found]
 
 
 def terminal(outcomes: Sequence[Outcome], joint: Joint, names: Mapping[str, str]) -> Group:
@@ -145,13 +146,13 @@ def terminal(outcomes: Sequence[Outcome], joint: Joint, names: Mapping[str, str]
         where = ', '.join(names[r] for r in shared.recordings)
         lines.append(Text(f'\nShared: {title(shared.effect, shared.station)} ({where})', 'bold'))
         if shared.parameters:
-            lines.append(Text(f'  {wording.capital(sizes(shared.parameters))}'))
+            lines.append(Text(f'  {quantities.capital(sizes(shared.parameters))}'))
         lines.append(Text(f'  {agreement(shared, names)}'))
         lines += [Text(f'  {elsewhere_words(x, names)}') for x in shared.elsewhere]
     for path, found in joint.alone.items():
         if found:
             lines.append(Text(f'\nOnly in {names[path]}', 'bold'))
-            lines += [Text(f'  {wording.capital(wording.effect_title(f))}: {sizes(f.parameters)}') for f in found]
+            lines += [Text(f'  {quantities.capital(wording.effect_title(f))}: {sizes(f.parameters)}') for f in found]
     return Group(table, *lines)
 
 
@@ -178,7 +179,7 @@ def render_html(
         shared=[
             (
                 s,
-                wording.capital(title(s.effect, s.station)),
+                quantities.capital(title(s.effect, s.station)),
                 agreement(s, names),
                 _forest(s, names) if s.parameters else None,
             )
@@ -187,12 +188,12 @@ def render_html(
         elsewhere=elsewhere_words,
         names=names,
         alone=[
-            (names[path], [(wording.capital(wording.effect_title(f)), sizes(f.parameters)) for f in found])
+            (names[path], [(quantities.capital(wording.effect_title(f)), sizes(f.parameters)) for f in found])
             for path, found in joint.alone.items()
             if found
         ],
         descriptions={s.effect: ' '.join(str(Effect.registry[s.effect].__doc__).split()) for s in joint.shared},
-        size=wording.quantity,
+        size=quantities.quantity,
         command=command,
     )
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from drfmcw_diagnosis.finding.quantities import misfit
 from drfmcw_diagnosis.finding.result import Diagnosis
-from drfmcw_diagnosis.finding.wording import misfit
 
 from .running import Carried, Found, Setting, Trial
 

@@ -24,6 +24,7 @@ class AcCoupling(Effect, name='ac_coupling', of=Of.STATION):
     """
 
     title = 'AC coupling'
+    evidence = 'droop'
     acts_on = ActsOn.SAMPLES
     formula = 'X(f) → X(f) j f / (pole + j f)'
     example = {'pole': 2e4}

@@ -14,6 +14,7 @@ from .traits import ActsOn, Of
 class AmplitudeSlope(Effect, name='amplitude_slope', of=Of.STATION):
     """Gain that changes with the frequency (antenna, mixer), for all paths. The receiver's noise stays the same."""
 
+    evidence = 'slope'
     acts_on = ActsOn.AMPLITUDE
     formula = "P_rx → P_rx − slope t / T, t the station's own time since its ramp starts"
     example = {'slope': 1.0}

@@ -36,6 +36,7 @@ class Effect:
     distorts: ClassVar[bool] = False  # not linear in the IF, so that harmonics arise
     bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
+    evidence: ClassVar[str] = ''  # in the samples of a station that hears itself: see drfmcw_diagnosis.scene
     of_hardware: ClassVar[bool] = False  # of the path, but of its stations' hardware alone, whatever the site
     formula: ClassVar[str] = ''  # one line
     example: ClassVar[dict[str, float | list[float]]] = {}  # parameters of a typical size

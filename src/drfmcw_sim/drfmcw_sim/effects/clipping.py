@@ -17,6 +17,7 @@ from .traits import ActsOn, Of, Stage
 class Clipping(Effect, name='clipping', of=Of.STATION):
     """Hard limit in front of the ADC. In a quadrature receiver it limits I and Q separately."""
 
+    evidence = 'limit'
     acts_on = ActsOn.SAMPLES
     formula = 'x → max(−L, min(x, L)), L = 10^(level / 20) of full scale'
     example = {'level': -42.0}

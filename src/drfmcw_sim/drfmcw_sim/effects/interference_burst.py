@@ -17,6 +17,7 @@ from .traits import ActsOn, Of
 class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
     """Burst of white noise in some sweeps. Its start is uniform over the record, whose end cuts it off."""
 
+    evidence = 'bursts'
     acts_on = ActsOn.NOISE
     formula = 'x → x + s 10^(level / 20) √½ w(t) for t₀ ≤ t < t₀ + duration, w white with unit variance, s full scale'
     example = {'probability': 0.3, 'level': -40.0, 'duration': 5e-5}

@@ -18,6 +18,7 @@ class IqImbalance(Effect, name='iq_imbalance', of=Of.STATION):
     """Error of Q against I turned by 90 degrees, in gain and phase: an image at -f. A real IF does not change."""
 
     title = 'IQ imbalance'
+    evidence = 'image'
     acts_on = ActsOn.SAMPLES
     formula = 'Q → 10^(gain / 20) (Q cos phase − I sin phase), I as it is'
     example = {'gain': 0.5, 'phase': 2.0}

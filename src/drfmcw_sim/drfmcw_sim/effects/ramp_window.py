@@ -13,6 +13,7 @@ from .traits import ActsOn, Of
 class RampWindow(Effect, name='ramp_window', of=Of.STATION):
     """Dead time and fly-back: outside the window neither receiver of the pair sees this station's ramp."""
 
+    evidence = 'window'
     acts_on = ActsOn.AMPLITUDE
     formula = 'f(t) = f₀ + k t for start ≤ t ≤ end, t in the own clock; outside there is no IF of it'
     example = {'start': 5e-5, 'end': 9.5e-4}

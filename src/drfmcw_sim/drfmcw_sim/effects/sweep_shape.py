@@ -24,6 +24,7 @@ class SweepShape(Effect, name='sweep_shape', of=Of.STATION):
     there. The spline is divided by its mean, so the ramp ends at the stated frequency.
     """
 
+    evidence = 'rate'
     acts_on = ActsOn.PHASE
     formula = "f'(t) = k r(x), r(x) = Σ relative_rate[i] Bᵢ(x) / mean, x = (f_nominal(t) − f₀) / B = t / T"
     example = {'relative_rate': [1.00002, 1.0, 0.99999, 1.0, 1.00001]}

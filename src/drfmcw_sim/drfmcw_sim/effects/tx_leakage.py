@@ -21,6 +21,7 @@ class TxLeakage(Effect, name='tx_leakage', of=Of.STATION):
     """
 
     title = 'TX leakage'
+    evidence = 'leakage'
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) cos 2π(f₀ delay + k delay (u − ½ delay)) while both are on, s full scale'
     example = {'level': -40.0}
