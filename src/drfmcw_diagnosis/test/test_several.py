@@ -12,7 +12,7 @@ from scenes import record, scene
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect
 from drfmcw_diagnosis.several.elsewhere import answered, questions
-from drfmcw_diagnosis.several.joint import Elsewhere, combined, joined, settled
+from drfmcw_diagnosis.several.joint import Elsewhere, combined, joined, of_hardware, settled
 from drfmcw_diagnosis.several.report import as_object, render_html, short_names
 from drfmcw_diagnosis.several.running import Outcome, Place, each
 from drfmcw_sim.effects import Effect
@@ -87,6 +87,11 @@ def test_hardware_is_shared_and_the_path_is_not():
     assert not shared.agrees and shared.contradicting == ('c',) and shared.probability > 0.01
     blind = settled(joint, [Elsewhere('c', 'reference_clock_offset', 'slave', 0.4, 0.5)])
     assert all(s.agrees for s in blind.shared if s.same_hardware)
+
+
+def test_lists_of_values_go_with_each_recording_and_are_not_combined():
+    lists = {name for name, kind in Effect.registry.items() if kind.list_parameters()}
+    assert lists and not any(map(of_hardware, lists))
 
 
 def test_what_one_recording_alone_holds_is_its_own():

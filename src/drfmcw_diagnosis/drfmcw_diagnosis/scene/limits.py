@@ -309,6 +309,10 @@ class JudgeLimits:
     certain: float = 1e-300
     """Chance that is stated at least [1]; chosen: smaller ones are no numbers."""
 
+    alike: float = 2.0
+    """Held-out misfit with a shared shape over that with an own one [1], below which recordings are of one radar;
+    chosen."""
+
     sweeps: int = 64
     """Sweeps of which the spectra are looked at; chosen."""
 

@@ -129,9 +129,12 @@ def settled(joint: Joint, elsewhere: Sequence[Elsewhere]) -> Joint:
 
 
 def of_hardware(effect: str) -> bool:
-    """Return whether an effect belongs to a station or an instrument, so that it is the same in every recording."""
+    """Return whether an effect belongs to a station or an instrument, so that it is the same in every recording.
+
+    Lists of values go with the distances or with the band of each recording.
+    """
     cls = Effect.registry[effect]
-    return (cls.of is not Of.PATH or cls.of_hardware) and not cls.bursts
+    return (cls.of is not Of.PATH or cls.of_hardware) and not cls.bursts and not cls.list_parameters()
 
 
 def _shared(effect: str, station: str | None, found_in: Mapping[str, FoundEffect]) -> Shared:

@@ -91,7 +91,7 @@ def sizes(parameters: Mapping[str, Estimate]) -> str:
 def agreement(shared: Shared, names: Mapping[str, str]) -> str:
     """Return in sentences whether the recordings agree."""
     if not shared.same_hardware:
-        return 'It belongs to the path, which may differ from recording to recording, so the sizes are not combined.'
+        return 'It belongs to the path or to the band of each recording, so the sizes are not combined.'
     said = []
     if shared.freedom:
         chance = wording.chance(shared.probability).removesuffix(' recordings')

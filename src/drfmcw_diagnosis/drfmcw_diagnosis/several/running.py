@@ -11,8 +11,12 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cluster import on_cluster
 from drfmcw_ros.processes import WorkFailed, unordered
 
-from ..engine import diagnose
+from ..engine import diagnose_dataset
 from ..finding.result import Diagnosis
+from ..recording.dataset import Dataset, read_dataset
+from ..scene.judge import own_ramp, shared_ramps
+from ..scene.limits import JUDGE
+from ..scene.ramps.ramp import Ramp
 
 A = TypeVar('A')
 R = TypeVar('R')
@@ -28,6 +32,7 @@ class Order:
     false_alarm_rate: float
     without: tuple[str, ...]
     command: str
+    beside: tuple[str, ...] = ()  # the other recordings, of which those of the same radar share the ramp's shape
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,12 +57,34 @@ def diagnosed(order: Order) -> Outcome:
     out = Path(order.out) if order.out else None
     rate, words = order.false_alarm_rate, order.command
     try:
-        found = diagnose(order.path, order.pair, rate, out, None, words, order.without, covariances=True)
+        data = read_dataset(order.path, order.pair)
+        found = diagnose_dataset(
+            data, rate, out, None, words, order.without, covariances=True, shared=_shared_ramp(order, data)
+        )
         return Outcome(order.path, found)
     except ConfigurationError as error:
         return Outcome(order.path, None, ' '.join(str(error).split()))
     except Exception as error:
         return Outcome(order.path, None, f'{order.path}: {type(error).__name__}: {" ".join(str(error).split())}')
+
+
+def _shared_ramp(order: Order, data: Dataset) -> Ramp | None:
+    """Return the ramp with the shape that it shares with the other recordings of the same station that hears itself.
+
+    None where there is no other, or where a shape of its own fits better: then they are different radars.
+    """
+    if not data.topology.hears_itself:
+        return None
+    others = []
+    for path in order.beside:
+        with contextlib.suppress(ConfigurationError):  # has a line of its own in the table
+            other = read_dataset(path, order.pair)
+            others += [other] if other.topology.hears_itself and other.stations == data.stations else []
+    own = own_ramp(data) if others else None
+    if own is None or not own.bends:
+        return None
+    shared = shared_ramps([data, *others])[0]
+    return shared if shared is not None and shared.held_out < JUDGE.alike * own.held_out else None
 
 
 def diagnose_each(
