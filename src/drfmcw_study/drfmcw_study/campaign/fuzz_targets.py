@@ -9,7 +9,7 @@ import shutil
 import struct
 import tempfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -312,13 +312,16 @@ def _node(kind: str) -> Any:
     return made
 
 
+def _messages(data: bytes, kinds: Sequence[type]) -> Iterator[tuple[type, Any]]:
+    """Yield (type, message) of each part of an input; its first byte chooses the type."""
+    for part in filter(None, data.split(b'|||')):
+        kind = kinds[part[0] % len(kinds)]
+        yield kind, _built(kind, part[1:])
+
+
 def _to_fusion(data: bytes) -> None:
     node = _node('fusion')
-    for part in data.split(b'|||'):
-        if not part:
-            continue
-        kind = _TAKEN_BY_FUSION[part[0] % len(_TAKEN_BY_FUSION)]
-        message = _built(kind, part[1:])
+    for kind, message in _messages(data, _TAKEN_BY_FUSION):
         if kind is SweepConfig:
             node._sweep_config(message)
         elif kind is StationCalibration:
@@ -334,11 +337,7 @@ def _to_fusion(data: bytes) -> None:
 
 def _to_station(data: bytes) -> None:
     node = _node('station')
-    for part in data.split(b'|||'):
-        if not part:
-            continue
-        kind = _TAKEN_BY_STATION[part[0] % len(_TAKEN_BY_STATION)]
-        message = _built(kind, part[1:])
+    for kind, message in _messages(data, _TAKEN_BY_STATION):
         if kind is SweepConfig:
             node._take_sweep_config(message)
         elif kind is StationCalibration:
