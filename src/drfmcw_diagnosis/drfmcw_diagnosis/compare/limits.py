@@ -38,13 +38,6 @@ class ModelLimits:
     harmonics_width: int = 33
     """Bins over which a harmonic may be displaced; chosen."""
 
-    slow_flutter: float = 0.1
-    """Of the variance from sweep to sweep of the slowest terms compared, alike in all groups [1]; measured: 0.06 on
-    four recordings of `simulate gantry`, which hold no effect."""
-
-    slow_terms: float = 4.0
-    """Terms over which this falls to 1/e; measured on the same."""
-
     flutter_width: int = 5
     """Terms over which a change from sweep to sweep may be displaced; chosen."""
 

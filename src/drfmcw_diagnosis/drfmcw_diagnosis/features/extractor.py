@@ -347,7 +347,7 @@ def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
 
 def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
     """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
-    return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='nearest')
+    return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='reflect')
 
 
 def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:
@@ -361,7 +361,7 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
     """
     axis = np.arange(bins) * width
     close = np.abs(axis - frequency[..., None]) < SPECTRUM.line * width
-    return close | (axis < SPECTRUM.edge * width) | (axis > rate / 2 - SPECTRUM.edge * width)
+    return close | (axis < SPECTRUM.slow * width) | (axis > rate / 2 - SPECTRUM.edge * width)
 
 
 def gaussian(ratio: np.ndarray, count: float | np.ndarray) -> np.ndarray:

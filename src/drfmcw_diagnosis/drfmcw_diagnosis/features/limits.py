@@ -82,7 +82,10 @@ class SpectrumLimits:
     """Samples per block: changes within the sweep up to 50 kHz; chosen."""
 
     edge: int = 32
-    """Bins next to 0 Hz and to the Nyquist frequency that are not compared; chosen."""
+    """Bins next to the Nyquist frequency that are not compared; chosen."""
+
+    slow: int = 6
+    """Bins next to 0 Hz that are not compared: the mean of the samples spreads over them; chosen."""
 
     median: int = 65
     """Bins over which the noise around a narrow line is taken; chosen."""

@@ -100,20 +100,6 @@ class Flutter(_OfChannels):
         compared = recorded.standing[:, None, None] & (terms >= SCATTER.steady) & recorded.scatters
         return np.where(compared, over, 0.0)
 
-    def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
-        """Return a variance of each channel's slowest terms that is too low in all groups."""
-        recorded = expected[0].model.recorded
-        terms = np.arange(std.shape[-1]) - SCATTER.steady
-        course = np.where(terms >= 0, MODEL.slow_flutter * np.exp(-np.maximum(terms, 0) / MODEL.slow_terms), 0.0)
-        whitened = np.sqrt(recorded.freedom / 2.0)[:, None] / SCATTER.flutter_spread * course
-        whitened *= recorded.standing[:, None] & recorded.scatters
-        found = []
-        for channel in range(std.shape[1]):
-            row = np.zeros(std.shape)
-            row[:, channel] = whitened * std[:, channel]  # which stands for the variance around
-            found.append(row)
-        return found
-
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
         if explained.distorting or explained.bursting:
@@ -155,7 +141,9 @@ def _over_neighbours(ramp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     weight = np.minimum(np.median(power, axis=0) / power, 1.0)
     variance = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
     trend = _trend(variance)
-    around = trend * local_noise(variance / trend, SCATTER.flutter_median) / median_of_mean((len(ramp) - 1) / 2)
+    steady = local_noise(variance[:, SCATTER.steady :] / trend[:, SCATTER.steady :], SCATTER.flutter_median)
+    local = np.pad(steady, ((0, 0), (SCATTER.steady, 0)), 'edge')  # the terms ahead are no noise
+    around = trend * local / median_of_mean((len(ramp) - 1) / 2)
     return variance / around, around
 
 
