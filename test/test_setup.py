@@ -16,7 +16,7 @@ from setup import wheels
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON = os.path.realpath(sys.executable)
 SUBCOMMANDS = (
-    "demo test run station fusion simulate record replay info import export view bench keystore montecarlo "
+    "demo test run station fusion simulate record replay info repair import export view bench keystore montecarlo "
     "campaign soak reproduce pair diagnose prove watch"
 ).split()
 
