@@ -251,12 +251,17 @@ def test_what_decides_follows_what_it_decides():
     assert {p.group for p in alone} == {'decided'}
 
 
+ANY_SIZE = ('mixture', 'beside_unknown')
+"""Groups whose effects are drawn anew in each repetition."""
+
+
 def test_the_full_list_is_one_that_can_be_run_whole_and_multiplied():
-    """Some 8 cases a minute on two cores."""
+    """Some hours on two cores."""
     once, thrice = (plans('full', 3, dataclasses.replace(FULL, times=times)) for times in (1, 3))
-    assert 400 <= len(once) <= 600
+    assert 400 <= len(once) <= 800
     kinds = [
-        collections.Counter((p.group, p.kind) for p in listed if 'pair' not in p.group) for listed in (once, thrice)
+        collections.Counter((p.group, p.kind) for p in listed if 'pair' not in p.group and p.group not in ANY_SIZE)
+        for listed in (once, thrice)
     ]
     assert {key: 3 * count for key, count in kinds[0].items()} == kinds[1]
     assert len(thrice) == 3 * len(once)

@@ -331,7 +331,7 @@ class Counts:
 
 
 FULL = Counts()
-"""Of the full proof: what two cores do in an hour."""
+"""Of the full proof: what two cores do in some hours."""
 
 _PAIRS_NEVER = frozenset(frozenset(pair) for pair in TWINS.items())
 
