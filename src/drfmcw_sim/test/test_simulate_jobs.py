@@ -51,7 +51,7 @@ def start(folder, *options):
         text=True,
         start_new_session=True,
     )
-    wait_for(lambda: process.poll() or any(f.stat().st_size > 2e6 for f in folder.glob('.run*/run/run_0.*')))
+    wait_for(lambda: process.poll() or any(f.stat().st_size > 2e6 for f in folder.glob('.run*/run_0.*')))
     assert process.poll() is None
     children, grandchildren = descendants(process.pid)
     return process, children, grandchildren
@@ -115,7 +115,7 @@ def test_memory_does_not_grow_with_the_scenario(tmp_path):
         return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
 
     def written(size):
-        return any(f.stat().st_size > size for f in tmp_path.glob('.run*/run/run_0.*'))
+        return any(f.stat().st_size > size for f in tmp_path.glob('.run*/run_0.*'))
 
     wait_for(lambda: written(20e6))
     before = resident(process.pid)
