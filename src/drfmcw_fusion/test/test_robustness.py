@@ -33,6 +33,7 @@ from drfmcw_physics.plausible import LIMITS, refusal
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.diagnostics import Diagnostics, Status
 from drfmcw_ros.messages import to_message
+from drfmcw_ros.publishers import Publishers
 from drfmcw_ros.runner import Finished, failures, spin
 
 START = 1_700_000_000_000_000_000
@@ -141,7 +142,7 @@ def test_fusion_survives_any_message(fusion, data):
     kind, take = data.draw(
         st.sampled_from(
             [
-                (BeatFrequency, lambda m: fusion._beats([m])),
+                (BeatFrequency, lambda m: fusion._beats(m.station, Publishers('/any/beat_frequency'), [m])),
                 (SweepConfig, fusion._sweep_config),
                 (StationCalibration, fusion._calibration),
                 (StationStatus, fusion._status),

@@ -41,6 +41,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.config_files import find_config
 from drfmcw_ros.messages import ImplausibleError, from_message, stamp_ns, to_message
+from drfmcw_ros.publishers import Publishers
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import read_scenario, scenario_from_mapping
 
@@ -329,7 +330,7 @@ def _to_fusion(data: bytes) -> None:
         elif kind is StationStatus:
             node._status(message)
         elif kind is BeatFrequency:
-            node._beats([message])
+            node._beats(message.station, Publishers('/any/beat_frequency'), [message])
         else:
             topics = {Temperature: 'temperature', FluidPressure: 'pressure', RelativeHumidity: 'humidity'}
             node._weather(f'/site/{topics[kind]}', message)
