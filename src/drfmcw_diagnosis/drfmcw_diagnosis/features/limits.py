@@ -84,8 +84,8 @@ class SpectrumLimits:
     edge: int = 32
     """Bins next to the Nyquist frequency that are not compared; chosen."""
 
-    slow: int = 6
-    """Bins next to 0 Hz that are not compared: the mean of the samples spreads over them; chosen."""
+    slow: int = 32
+    """Bins next to 0 Hz that are not compared; chosen: a high-pass bends the spectrum there."""
 
     median: int = 65
     """Bins over which the noise around a narrow line is taken; chosen."""
