@@ -152,7 +152,7 @@ def diagnose_dataset(
         measurements=deciding,
         fit=_fit(comparison, chosen, data, verification),
         refined_config=refined,
-        not_testable=_not_testable(data, search, without),
+        not_testable=_not_testable(data, search, without, thinned=len(rows) < len(data)),
         sentences=(),
         series=series(comparison, chosen),
         misfit_map=misfit_map(comparison, chosen),
@@ -239,7 +239,7 @@ class _Verification:
 def _verification(data: Dataset, compared: np.ndarray, chosen: Fitted | None) -> _Verification:
     fitted_rows, held_rows = _split(data, compared)
     part = Comparison(data, fitted_rows)
-    again = Fitting(part).fit([(e.candidate, e.values) for e in chosen.effects], 4) if chosen else None
+    again = Fitting(part).fit(chosen.start, 4) if chosen else None
     rest = Comparison(data, held_rows) if len(held_rows) else None
     return _Verification((part, again), rest, (len(fitted_rows), len(held_rows)))
 
@@ -279,11 +279,10 @@ def _correlated(search: Search, explanation: Explanation, fitted: Fitted) -> Exp
     covariance = scaled_inverse(slopes @ slopes.T)
     std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = covariance / np.outer(std, std)
-    effects, first = [], 0
-    for found, effect in zip(explanation.effects, fitted.effects, strict=True):
-        own = slice(first, first + len(effect.candidate.free))
-        first = own.stop
-        effects.append(dataclasses.replace(found, correlation=tuple(map(tuple, correlation[own, own].tolist()))))
+    effects = (
+        dataclasses.replace(found, correlation=tuple(map(tuple, correlation[own, own].tolist())))
+        for found, own in zip(explanation.effects, fitted.spans, strict=True)
+    )
     return dataclasses.replace(explanation, effects=tuple(effects))
 
 
@@ -335,10 +334,10 @@ def _phase_std(effect: FittedEffect) -> float:
     return min(math.hypot(effect.stds[phase], turns), math.pi / math.sqrt(3.0))
 
 
-def _not_testable(data: Dataset, search: Search, without: Collection[str]) -> tuple[str, ...]:
+def _not_testable(data: Dataset, search: Search, without: Collection[str], thinned: bool) -> tuple[str, ...]:
     sentences_ = [*data.missing, *search.comparison.known.undetermined()]
-    compared = sum(map(len, search.comparison.members))
-    if len(representative(data.group)) < len(data):
+    if thinned:
+        compared = sum(map(len, search.comparison.members))
         sentences_.append(f'Compared: {compared} of {len(data)} sweeps, spread evenly over the recording.')
     unsearched = sorted({*Effect.registry} - {effect for effect, _ in recipes(without)})
     if unsearched:

@@ -27,6 +27,7 @@ from drfmcw_proof.cases import draws, sizes
 from drfmcw_proof.cases import plan as cases
 from drfmcw_proof.cases.carried_out import carried_out
 from drfmcw_proof.cases.concealing import Applied, conceal
+from drfmcw_proof.cases.covering import covering
 from drfmcw_proof.generator import model as generator
 from drfmcw_proof.generator import recordings
 from drfmcw_proof.generator.condition import Condition, StationCondition
@@ -920,12 +921,12 @@ def test_practice_recordings_are_reproduced(number):
 
 
 def test_mixtures_hold_every_pair_of_effects_together_but_twins():
-    sets = cases.covering(effects.REGISTERED)
+    twins = {frozenset(pair) for pair in draws.TWINS.items()}
+    sets = covering(effects.REGISTERED, twins)
     assert {len(s) for s in sets} == {2, 3, 4} and all(len(set(s)) == len(s) for s in sets)
     met = {frozenset(pair) for s in sets for pair in itertools.combinations(s, 2)}
-    twins = {frozenset(pair) for pair in draws.TWINS.items()}
     assert met == {frozenset(pair) for pair in itertools.combinations(effects.REGISTERED, 2)} - twins
-    assert sets == cases.covering(effects.REGISTERED)
+    assert sets == covering(effects.REGISTERED, twins)
 
 
 def test_beside_something_unknown_only_registered_effects_are_to_be_named():

@@ -4,12 +4,13 @@ import functools
 import itertools
 
 import numpy as np
+from scipy import signal
 
 from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
-from ..features.extractor import Extractor, SweepFeatures, quiet_sweeps
+from ..features.extractor import Extractor, SweepFeatures, as_complex, quiet_sweeps
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
 from ..recording.topology import Channel
@@ -122,6 +123,24 @@ class RecordedSweeps:
         """Which bins of each group's spectra lie beside the stations' own lines (G, S, B)."""
         bins = self.sweeps[0].power.shape[-1]
         return np.stack([~self.bands.at_line(s.line.mean(axis=0), bins) for s in self.sweeps])
+
+    @functools.lru_cache(maxsize=16)  # noqa: B019 they live as long as the recording is compared
+    def alignment(self, station: int, frequency: float) -> float:
+        """Return the squared sum of a line's phasors at the start of each sweep over the sum of their squares.
+
+        With random phases it is exponentially distributed with mean 1; with equal ones it is the number of sweeps.
+
+        Args:
+            station: its number among those with samples.
+            frequency: of the line [Hz].
+        """
+        heard, iq = self.heard[station], self.topology.iq
+        samples = self.data.samples_of(heard)
+        count = samples.shape[1] // self.topology.parts
+        turns = frequency / self.data.sweeps[0][heard].sample_rate * np.arange(count)
+        weights = np.exp(-2j * np.pi * turns) * signal.windows.blackmanharris(count)
+        phasors = np.concatenate([as_complex(samples[rows], iq) @ weights for rows in self.members])
+        return float(np.abs(phasors.sum()) ** 2 / np.sum(np.abs(phasors) ** 2))
 
     def _extract(self) -> None:
         """Take the features of all members' sweeps."""

@@ -216,7 +216,7 @@ class Extractor:
         of_stations = tuple(
             np.stack(
                 [
-                    take(_complex(x, self.topology.iq), at, w, s.sweep)
+                    take(as_complex(x.astype(np.float32), self.topology.iq), at, w, s.sweep)
                     for x, at, w, s in zip(samples, base.beat, self._weights, stations, strict=True)
                 ],
                 axis=1,
@@ -338,11 +338,9 @@ class Extractor:
         return combine(first, second)
 
 
-def _complex(samples: np.ndarray, iq: bool) -> np.ndarray:
-    """Return samples as complex numbers where they are I/Q pairs (n, N), else as they are."""
-    if not iq:
-        return samples.astype(np.float32)
-    return samples[:, ::2].astype(np.float32) + 1j * samples[:, 1::2].astype(np.float32)
+def as_complex(samples: np.ndarray, iq: bool) -> np.ndarray:
+    """Return floating-point samples as complex numbers where they are I/Q pairs in turn (n, N), else as they are."""
+    return samples[:, ::2] + 1j * samples[:, 1::2] if iq else samples
 
 
 def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
@@ -361,7 +359,7 @@ def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np
     """
     axis = np.arange(bins) * width
     close = np.abs(axis - frequency[..., None]) < SPECTRUM.line * width
-    return close | (axis < SPECTRUM.slow * width) | (axis > rate / 2 - SPECTRUM.edge * width)
+    return close | (axis < SPECTRUM.edge * width) | (axis > rate / 2 - SPECTRUM.edge * width)
 
 
 def gaussian(ratio: np.ndarray, count: float | np.ndarray) -> np.ndarray:

@@ -82,10 +82,7 @@ class SpectrumLimits:
     """Samples per block: changes within the sweep up to 50 kHz; chosen."""
 
     edge: int = 32
-    """Bins next to the Nyquist frequency that are not compared; chosen."""
-
-    slow: int = 32
-    """Bins next to 0 Hz that are not compared; chosen: a high-pass bends the spectrum there."""
+    """Bins next to 0 Hz and to the Nyquist frequency that are not compared; chosen."""
 
     median: int = 65
     """Bins over which the noise around a narrow line is taken; chosen."""

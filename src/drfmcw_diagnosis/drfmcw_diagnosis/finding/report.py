@@ -16,13 +16,19 @@ from . import plots, quantities, repeating, wording
 from .limits import PAGE, SEPARATION
 from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
 
-_ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader('drfmcw_diagnosis.finding', 'templates'),
-    autoescape=True,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    undefined=jinja2.StrictUndefined,
-)
+
+def templates(package: str) -> jinja2.Environment:
+    """Return the templates of a package; what they show is escaped, and a name that is not given is an error."""
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader(package, 'templates'),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+
+
+_TEMPLATES = templates('drfmcw_diagnosis.finding')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +93,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
     panels = [_panel(s, diagnosis) for s in others[: PAGE.most]]
     shown = min(PAGE.unfolded, max(PAGE.least, sum(map(_is_informative, others))))
-    return _ENVIRONMENT.get_template('report.html').render(
+    return _TEMPLATES.get_template('report.html').render(
         d=diagnosis,
         w=wording,
         q=quantities,

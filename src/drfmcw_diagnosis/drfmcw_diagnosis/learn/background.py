@@ -6,6 +6,7 @@ from scipy.ndimage import uniform_filter1d
 
 from drfmcw_sim.measured import Term
 
+from ..features.extractor import as_complex
 from .evidence import LeftOver
 from .limits import LEARNING
 from .smoothing import Sample, first_terms
@@ -54,11 +55,9 @@ def _beside_line(left: LeftOver, station: int, group: int) -> np.ndarray:
     heard = c.heard[station]
     sweeps = c.data.sweeps[c.data.setting[c.members[group][0]]]
     start, end = sweeps[heard].analysis_window()
-    samples = c.data.samples_of(heard)[c.members[group]].astype(float)
-    frequency = c.sweeps[group].line[:, station] / sweeps[heard].sample_rate
     iq = c.recorded.topology.iq
-    if iq:
-        samples = samples[:, ::2] + 1j * samples[:, 1::2]
+    samples = as_complex(c.data.samples_of(heard)[c.members[group]].astype(float), iq)
+    frequency = c.sweeps[group].line[:, station] / sweeps[heard].sample_rate
     count = samples.shape[1]
     index = np.arange(count)
     inside = (index >= np.ceil(start * sweeps[heard].sample_rate)) & (index < end * sweeps[heard].sample_rate)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ..features.extractor import as_complex
 from ..recording.dataset import Dataset
 from .limits import MATERIAL
 
@@ -66,7 +67,7 @@ def material(data: Dataset) -> Material:
     (sweep,) = data.sweeps[setting]
     return Material(
         station=data.stations[0],
-        signal=signal[:, ::2] + 1j * signal[:, 1::2] if data.iq else signal,
+        signal=as_complex(signal, data.iq),
         rate=float(sweep.sample_rate),
         start_frequency=float(sweep.start_frequency),
         bandwidth=float(sweep.bandwidth),

@@ -1,6 +1,7 @@
 """Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -58,6 +59,17 @@ class Fitted:
     misfit: float  # sum of squared whitened residuals
     template: np.ndarray  # what they add, whitened
     evidence: float  # log evidence over no effect at all
+
+    @property
+    def start(self) -> list[tuple[Candidate, dict[str, float]]]:
+        """The effects with the present values of their parameters, where another fit may begin."""
+        return [(e.candidate, e.values) for e in self.effects]
+
+    @property
+    def spans(self) -> list[slice]:
+        """Where the parameters of each effect stand among those of all, see `Fitting.slopes`."""
+        ends = itertools.accumulate((len(e.candidate.free) for e in self.effects), initial=0)
+        return [slice(first, end) for first, end in itertools.pairwise(ends)]
 
     def with_widened(self, widened: Sequence[dict[str, tuple[float, float]]]) -> 'Fitted':
         """Return the same with other values and standard deviations of the first effects' parameters."""
@@ -156,7 +168,7 @@ class Fitting:
                 return fitted
             exact = beside + self._template([e.build() for e in fitted.effects])
             off = float(np.sum(self.whitening(exact - fitted.template) ** 2))
-            start = [(e.candidate, e.values) for e in fitted.effects]
+            start = fitted.start
             if off < max(FIT.settled, FIT.settled_share * fitted.misfit):
                 break
         left = freedom.left if freedom is not None else _as_it_is

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
-from scipy import signal, stats
+from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -381,20 +381,8 @@ def _leaked_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
 
 
 def _begins_alike(c: Comparison, station: int, frequency: float) -> bool:
-    """Return whether a line has the same phase at the start of each sweep, as one has that the chirp makes.
-
-    Of n phasors of random phase, the squared sum over the sum of squares is exponentially distributed with mean 1.
-    """
-    heard = c.heard[station]
-    samples = c.data.samples[heard]
-    assert samples is not None  # of a station that is heard
-    count, rate = samples.shape[1], c.data.sweeps[0][heard].sample_rate
-    turn = np.exp(-2j * math.pi * frequency / rate * np.arange(count)) * signal.windows.blackmanharris(count)
-    rows = np.concatenate(c.members)
-    parts = np.array([1.0, 1.0j]) if samples.ndim > 2 else 1.0
-    phasors = np.concatenate([(samples[r] * parts).reshape(len(r), count, -1).sum(axis=2) @ turn
-                              for r in np.array_split(rows, -(-len(rows) // 256))])  # fmt: skip
-    return bool(np.abs(phasors.sum()) ** 2 > SCAN.alike * np.sum(np.abs(phasors) ** 2))
+    """Return whether a line has the same phase at the start of each sweep, as one has that the chirp makes."""
+    return c.recorded.alignment(station, frequency) > SCAN.alike
 
 
 SCANNERS: dict[str, Scanner] = {

@@ -209,7 +209,7 @@ class Search(Fitting):
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from its present values."""
-        return self.fit([(e.candidate, e.values) for e in fitted.effects], 4)
+        return self.fit(fitted.start, 4)
 
     def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
         """Return the gain that an effect may owe to errors of the other effects' forward models, in the worst case."""
@@ -249,8 +249,7 @@ class Search(Fitting):
         candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
         residual = self.comparison.residual - rest.template
         begun = self._promising(residual, rest.effects, self.freedom(rest), candidate.effect)[: SEARCH.fringes]
-        base = [(e.candidate, e.values) for e in rest.effects]
-        fits = self.fits([[*base, (candidate, values)] for _, _, values in begun])
+        fits = self.fits([[*rest.start, (candidate, values)] for _, _, values in begun])
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
 
@@ -274,7 +273,7 @@ class Search(Fitting):
             if len(begun) < SEARCH.starts:
                 begun.append((gain, candidate, values))
         kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[: SEARCH.tried]
-        base = [(e.candidate, e.values) for e in current.effects] if current else []
+        base = current.start if current else []
 
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
             # a distortion takes long to simulate; one linear starting point gains what it promises
@@ -285,8 +284,8 @@ class Search(Fitting):
             at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in points]
             return min(at, key=lambda f: f.misfit)
 
-        def refined(start: Fitted) -> Fitted:
-            return self.fit([*base, *((e.candidate, e.values) for e in start.effects)], SEARCH.joint_steps)
+        def refined(alone: Fitted) -> Fitted:
+            return self.fit([*base, *alone.start], SEARCH.joint_steps)
 
         self.report('effects that promise something', 0.3)
         enough = self.misfit(beside) - SEARCH.least
@@ -304,7 +303,7 @@ class Search(Fitting):
 
     def finished(self, begun: Fitted) -> Fitted:
         """Return an explanation whose fit has begun, fitted to the end."""
-        return self.fit([(e.candidate, e.values) for e in begun.effects])
+        return self.fit(begun.start)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
         """Return the probability that noise alone gains as much for any effect at any starting point (Bonferroni).
@@ -318,12 +317,12 @@ class Search(Fitting):
     def indispensable(self, fitted: Fitted) -> list[bool]:
         """Return of each effect whether the others can, to first order, by far not explain what it explains."""
         slopes = self.whitening(self.slopes(fitted))
-        owner = np.repeat(np.arange(len(fitted.effects)), [len(e.candidate.free) for e in fitted.effects])
         found = []
-        for number in range(len(fitted.effects)):
+        for number, own in enumerate(fitted.spans):
             added = self.whitening(fitted.template - self._without(fitted, number).template)
             power = float(added @ added)
-            left = power - float(Freedom(slopes[owner != number]).followed(added)) if np.any(owner != number) else power
+            others = Freedom(np.delete(slopes, own, axis=0))
+            left = power - float(others.followed(added))
             found.append(left > max(SEARCH.plenty, SEARCH.own * power))
         return found
 
@@ -338,7 +337,7 @@ class Search(Fitting):
         elsewhere: list[Fitted] = []
         for left_out in range(len(fitted.effects)):
             rest = self._without(fitted, left_out)
-            base = [(e.candidate, e.values) for e in rest.effects]
+            base = rest.start
             goal = self.misfit(rest.template) - fitted.misfit
 
             def refined(point: tuple, base: list = base, goal: float = goal) -> Fitted | None:

@@ -68,14 +68,11 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     changes = _without_each_group(rest, slopes, groups)[groups]
     moved = np.einsum('np,pn->n', changes, slopes)
     found = []
-    first = 0
-    for number, effect in enumerate(fitted.effects):
-        own = slice(first, first + len(effect.candidate.free))
-        first = own.stop
+    for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
         added = whitening(fitted.template - (fitting.comparison.template(others) if others else 0.0))
         moved_own = np.einsum('np,pn->n', changes[:, own], slopes[own])
-        free = len(effect.candidate.free)
+        free = own.stop - own.start
         found.append(_standing(rest, added, moved, moved_own, groups, kinds, cells, converters, free))
     return found
 

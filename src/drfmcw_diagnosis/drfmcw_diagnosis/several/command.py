@@ -52,7 +52,7 @@ def diagnose_several(wanted: Wanted, place: Place) -> int:
             wanted.false_alarm_rate,
             wanted.without,
             wanted.command,
-            tuple(other for other in paths if other != path),
+            paths,
         )
         for path in paths
     ]

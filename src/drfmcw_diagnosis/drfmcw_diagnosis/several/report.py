@@ -7,7 +7,6 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jinja2
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,19 +17,14 @@ from rich.text import Text
 from drfmcw_sim.effects import Effect
 
 from ..finding import quantities, wording
+from ..finding.report import templates
 from ..finding.result import Diagnosis, Estimate, FoundEffect, effect_object, known
 from ..finding.summary import COLORS
 from .joint import Elsewhere, Joint, Shared
 from .limits import JOINT
 from .running import Outcome
 
-_ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader('drfmcw_diagnosis.several', 'templates'),
-    autoescape=True,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    undefined=jinja2.StrictUndefined,
-)
+_TEMPLATES = templates('drfmcw_diagnosis.several')
 _DATA, _COMBINED = '#2f4b66', '#c8374a'
 
 
@@ -170,7 +164,7 @@ def render_html(
     """
     rows = [(o, names[o.path], reports.get(o.path)) for o in outcomes]
     read = [o for o in outcomes if o.diagnosis]
-    return _ENVIRONMENT.get_template('several.html').render(
+    return _TEMPLATES.get_template('several.html').render(
         w=wording,
         rows=rows,
         read=len(read),

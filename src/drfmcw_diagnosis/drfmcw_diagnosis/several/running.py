@@ -1,5 +1,6 @@
 """Diagnoses recordings one beside the other, in processes or on a Dask cluster; a bad one does not cost the others."""
 
+import collections
 import contextlib
 import dataclasses
 import functools
@@ -14,7 +15,7 @@ from drfmcw_ros.processes import WorkFailed, unordered
 from ..engine import diagnose_dataset
 from ..finding.result import Diagnosis
 from ..recording.dataset import Dataset, read_dataset
-from ..scene.judge import own_ramp, shared_ramps
+from ..scene.judge import own_ramp, with_one_shape
 from ..scene.limits import JUDGE
 from ..scene.ramps.ramp import Ramp
 
@@ -32,7 +33,7 @@ class Order:
     false_alarm_rate: float
     without: tuple[str, ...]
     command: str
-    beside: tuple[str, ...] = ()  # the other recordings, of which those of the same radar share the ramp's shape
+    together: tuple[str, ...] = ()  # all recordings, of which those of one radar share the shape of its ramp
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,18 +74,26 @@ def _shared_ramp(order: Order, data: Dataset) -> Ramp | None:
 
     None where there is no other, or where a shape of its own fits better: then they are different radars.
     """
-    if not data.topology.hears_itself:
-        return None
-    others = []
-    for path in order.beside:
+    return _ramps(order.together, order.pair).get(order.path) if data.topology.hears_itself else None
+
+
+@functools.lru_cache(maxsize=1)  # once in each worker, for all recordings that it diagnoses
+def _ramps(paths: tuple[str, ...], pair: str | None) -> dict[str, Ramp]:
+    """Return the shared ramps of `_shared_ramp`, by the paths of recordings."""
+    alone: dict[tuple[str, ...], dict[str, Ramp | None]] = collections.defaultdict(dict)
+    for path in paths:
         with contextlib.suppress(ConfigurationError):  # has a line of its own in the table
-            other = read_dataset(path, order.pair)
-            others += [other] if other.topology.hears_itself and other.stations == data.stations else []
-    own = own_ramp(data) if others else None
-    if own is None or not own.bends:
-        return None
-    shared = shared_ramps([data, *others])[0]
-    return shared if shared is not None and shared.held_out < JUDGE.alike * own.held_out else None
+            data = read_dataset(path, pair)
+            if data.topology.hears_itself:
+                alone[data.stations][path] = own_ramp(data)
+    found = {}
+    for ramps in alone.values():
+        if len(ramps) < 2:
+            continue
+        for (path, own), shared in zip(ramps.items(), with_one_shape(list(ramps.values())), strict=True):
+            if own and own.bends and shared and shared.held_out < JUDGE.alike * own.held_out:
+                found[path] = shared
+    return found
 
 
 def diagnose_each(

@@ -22,6 +22,7 @@ from ..generator.model import nominal
 from ..generator.phase_noise import NoiseShape
 from ..generator.recordings import Seal, seal, write_recording
 from .concealing import KINDS, OUTSIDE, REGISTERED, Applied, conceal
+from .covering import covering
 from .decoys import DECOYS
 from .draws import (
     TWINS,
@@ -396,7 +397,7 @@ def _once(counts: Counts) -> Iterator[Builder]:
     yield from itertools.repeat(partial(_drive, extent=usual), counts.drives)
     yield from itertools.repeat(partial(_pair, effects=None, d=None, extent=usual), counts.pairs)
     yield from itertools.repeat(partial(_strong_pair, extent=usual), counts.strong_pairs)
-    for effects in covering(REGISTERED)[: counts.mixtures]:
+    for effects in covering(REGISTERED, _PAIRS_NEVER)[: counts.mixtures]:
         yield partial(_mixture, effects=effects, extent=usual)
     yield from itertools.repeat(partial(_beside_unknown, extent=usual), counts.beside_unknown)
     for effect in OUTSIDE:
@@ -440,32 +441,6 @@ def _strong_pair(name: str, random: np.random.Generator, extent: Extent) -> Plan
 
 _MIXED = (8.0, 3000.0)
 """Least and largest d of an effect in a mixture."""
-
-
-def covering(effects: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return sets of two to four effects in random order, always the same, in which every pair of effects occurs.
-
-    Twins, which change the data alike, never occur together.
-    """
-    random = np.random.default_rng(0)
-    pairs = {frozenset(pair) for pair in itertools.combinations(effects, 2)} - _PAIRS_NEVER
-    left = sorted(pairs, key=sorted)
-    random.shuffle(left)
-    missing, found = dict.fromkeys(left), []
-    while missing:
-        chosen = sorted(next(iter(missing)))
-        for _ in range(int(random.integers(3))):
-            new = {
-                effect: sum(frozenset((effect, other)) in missing for other in chosen)
-                for effect in map(str, random.permutation(effects))
-                if effect not in chosen and not any(frozenset((effect, other)) in _PAIRS_NEVER for other in chosen)
-            }
-            chosen.append(max(new, key=lambda effect: new[effect]))
-        for pair in itertools.combinations(chosen, 2):
-            missing.pop(frozenset(pair), None)
-        found.append(tuple(map(str, random.permutation(chosen))))
-    random.shuffle(found)
-    return found
 
 
 def _mixture(name: str, random: np.random.Generator, effects: Sequence[str], extent: Extent) -> Plan:
