@@ -14,7 +14,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_ros.progress import Progress
+from drfmcw_ros.work.progress import Progress
 
 from .engine import LIMITS, diagnose
 from .finding.report import render_html

@@ -24,9 +24,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_ros.processes import Worker, WorkFailed
-from drfmcw_ros.progress import Progress
 from drfmcw_ros.versions import versions
+from drfmcw_ros.work.processes import Worker, WorkFailed
+from drfmcw_ros.work.progress import Progress
 
 from .cases.plan import FULL, GROUPS, Plan, conceal_case, plans
 from .generator.recordings import Seal, open_seal

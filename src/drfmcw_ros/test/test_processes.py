@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pieces_of_work import count_up, fail, note_each, power_of_two, process_and_niceness, sleep_long
 
-from drfmcw_ros.processes import Background, Worker, Workers, WorkFailed, unordered
+from drfmcw_ros.work.processes import Background, Worker, Workers, WorkFailed, unordered
 
 LIMIT = 60.0  # for anything to happen [s]
 STARTS = ('fork', 'forkserver', 'spawn')
@@ -171,7 +171,7 @@ def test_ctrl_c_leaves_workers_alone(start):
 ORPHANS = """
 import time
 from pieces_of_work import process_and_niceness, sleep_long
-from drfmcw_ros.processes import Worker
+from drfmcw_ros.work.processes import Worker
 if __name__ == '__main__':
     workers = [Worker(process_and_niceness, start=start) for start in ('forkserver', 'spawn', 'fork', 'fork')]
     for worker in workers:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.bag.files import BagWriter, typestore
-from drfmcw_ros.processes import Worker, WorkFailed
 from drfmcw_ros.topics import SITE_TOPICS, STATION_TOPICS, split_station_topic
+from drfmcw_ros.work.processes import Worker, WorkFailed
 
 from .scenario import Scenario
 from .timeline import NANOSECONDS, Event, Slots, Timeline

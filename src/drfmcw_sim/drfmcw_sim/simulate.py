@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from drfmcw_ros.cli import Parser, guarded
-from drfmcw_ros.progress import Progress
+from drfmcw_ros.work.progress import Progress
 
 from .recording import write_recording
 from .scenario import read_scenario

@@ -13,7 +13,7 @@ from rich.text import Text
 from drfmcw_physics.settings import ConfigurationError, read_yaml
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.config_files import find_config
-from drfmcw_ros.progress import Progress
+from drfmcw_ros.work.progress import Progress
 
 from . import summary
 from .points import grid, try_point, values_of

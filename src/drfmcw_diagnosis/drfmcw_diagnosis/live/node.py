@@ -28,8 +28,8 @@ from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import OK, STALE, WARN, Diagnostics, Status
 from drfmcw_ros.messages import from_message
 from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.processes import Background, WorkFailed
 from drfmcw_ros.runner import run
+from drfmcw_ros.work.processes import Background, WorkFailed
 
 from . import watch
 from .limits import NODE

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_ros.processes import Workers
+from drfmcw_ros.work.processes import Workers
 
 from ..compare.comparison import Comparison
 from .bank import Candidate, at_stations, candidates, recipes

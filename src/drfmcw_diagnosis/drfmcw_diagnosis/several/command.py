@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_ros.cli import write_atomically
-from drfmcw_ros.progress import Progress
+from drfmcw_ros.work.progress import Progress
 
 from ..finding import report as single
 from .elsewhere import answered, questions

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cluster import on_cluster
-from drfmcw_ros.processes import WorkFailed, unordered
+from drfmcw_ros.work.cluster import on_cluster
+from drfmcw_ros.work.processes import WorkFailed, unordered
 
 from ..engine import diagnose_dataset
 from ..finding.result import Diagnosis

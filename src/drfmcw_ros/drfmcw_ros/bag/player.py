@@ -24,8 +24,8 @@ from drfmcw_physics.settings import ConfigurationError
 from .. import qos
 from ..diagnostics import WARN, Diagnostics, Status
 from ..messages import NANOSECONDS, message_class
-from ..progress import Progress
 from ..topics import STATION_TOPICS, is_latched, is_measured, split_station_topic
+from ..work.progress import Progress
 from .files import BagReader, typestore
 
 _SETTLE_TIME = 0.25  # between settings and the first sweep that uses them, so that they arrive first [s]

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_ros.processes import WorkFailed, unordered
+from drfmcw_ros.work.processes import WorkFailed, unordered
 
 from .faults import Fault, faults
 from .fuzz import fuzz, summary

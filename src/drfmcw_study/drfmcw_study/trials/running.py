@@ -6,8 +6,8 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 
 import numpy as np
 
-from drfmcw_ros.cluster import on_cluster
-from drfmcw_ros.processes import WorkFailed, unordered
+from drfmcw_ros.work.cluster import on_cluster
+from drfmcw_ros.work.processes import WorkFailed, unordered
 
 from .batch import attempt, order, result
 from .results import ResultDirectory
