@@ -15,6 +15,7 @@ from drfmcw_diagnosis.recording.limits import THINNING
 from drfmcw_diagnosis.recording.thinning import representative
 from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.standing import standings
 from drfmcw_diagnosis.search.whitening import Whitening
 from drfmcw_sim.effects import Effect
@@ -74,6 +75,18 @@ def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'delay_offset', '', delay=0.01))
     assert not standing.stands
+
+
+def test_what_counts_as_noise_is_left_over_nevertheless(data):
+    """So that a finding says of what is unknown how much it is, whatever the search beside it takes for noise."""
+    comparison = Comparison(data)
+    fitting = concealed(comparison, Effect.registry['sweep_curvature'](deviation=3000.0, station='master'))
+    before = leftovers(fitting, None)
+    assert before[0].probability < 1e-6
+    fitting.count_as_noise(None)
+    fitting.trust(None)
+    assert fitting.misfit(0.0) < 1.01 * len(comparison.residual)
+    assert leftovers(fitting, None) == before
 
 
 def test_a_reflectors_phase_turns_the_echo(data):

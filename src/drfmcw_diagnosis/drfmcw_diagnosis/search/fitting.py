@@ -296,22 +296,25 @@ class Fitting:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""
         self.whitening = self.whitening_of(fitted)
 
-    def whitening_of(self, fitted: 'Fitted | None') -> Whitening:
-        """Return the whitening of what an explanation leaves, where the forward models are off by `doubt`."""
+    def whitening_of(self, fitted: 'Fitted | None', with_unknown: bool = True) -> Whitening:
+        """Return the whitening of what an explanation leaves, where the forward models are off by `doubt`.
+
+        With `with_unknown`, what `count_as_noise` has found counts as noise.
+        """
         directions = [self.comparison.common_errors]
         if fitted is not None and any(e.candidate.recipe.fringes for e in fitted.effects):
             directions.append(self._moved_by_reference(fitted))
-        return Whitening(self.noisier / np.sqrt(1.0 + self.doubt(fitted) ** 2), np.concatenate(directions))
+        weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+        return Whitening(weight, np.concatenate(directions))
 
     def count_as_noise(self, fitted: 'Fitted | None') -> None:
         """Let the numbers of a cell that an explanation does not explain count by the scatter that they really have.
 
         A cell holds the numbers of one kind at one station in one group of sweeps.
         """
-        self.noisier = np.ones(len(self.comparison.residual))
         entries = self.comparison.entries
         template = fitted.template if fitted is not None else 0.0
-        rest = self.whitening_of(fitted)(self.comparison.residual - template)
+        rest = self.whitening_of(fitted, with_unknown=False)(self.comparison.residual - template)
         cells = cells_of(entries)
         used = np.bincount(cells, rest != 0.0)
         scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)

@@ -21,11 +21,11 @@ class Leftover:
 def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
     """Return what each kind of number still holds, least probable first.
 
-    What the forward models may be off by counts as noise, see `Fitting.doubt`.
+    What the forward models may be off by counts as noise, see `Fitting.doubt`. What is unknown does not: it is left.
     """
     c = fitting.comparison
     template = fitted.template if fitted else np.zeros(len(c.residual))
-    whitening = fitting.whitening_of(fitted)
+    whitening = fitting.whitening_of(fitted, with_unknown=False)
     weight, rest = whitening.weight, whitening(c.residual - template)
     slopes = whitening(fitting.slopes(fitted)) if fitted else np.zeros((0, len(rest)))
     found = []
