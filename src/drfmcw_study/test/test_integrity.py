@@ -16,7 +16,8 @@ from drfmcw_fusion.integrity.monitor import PairMonitor
 from drfmcw_fusion.integrity.settings import IntegritySettings
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag
-from drfmcw_node.estimators.estimation import EstimatorSettings, has_burst
+from drfmcw_node.estimators.damage import has_burst
+from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.estimators.registry import estimator
 from drfmcw_node.processing.processor import shares_noise
 from drfmcw_physics.oscillators import Calibration

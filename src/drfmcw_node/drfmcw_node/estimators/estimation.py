@@ -23,6 +23,7 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings, beat_frequency, residual_chirp
 
+from .damage import clipped, has_burst
 from .noise import NoiseMeter, oscillators
 from .spectral import parabola_vertex, window_samples
 from .straightness import contradiction
@@ -40,9 +41,6 @@ _DECHIRP_BINS = 0.02  # residual chirp across the window below which the line ke
 _FALSE_DETECTION = 1e-6  # probability that noise alone passes for a line, per sweep
 _PEAKS_PER_BIN = 2.0  # independent values among which the peak of noise is sought
 _METER_MARGIN = 2.0  # what the noise level's own error adds to the exponent: E exp(-e (1 + d)), d of 8 %
-_BLOCK = 32  # samples whose energy is compared
-_SETTLING_SHARE = 16  # of the sweep, at its start
-_BURST = 4.0  # times the median block's energy
 _DOUBTED = 3.0  # times the standard deviation of a line, from which on a bent ramp is said
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
@@ -487,37 +485,6 @@ class Estimator:
         np.log10(scaled, out=scaled)
         scaled *= np.float32(10.0)
         return scaled
-
-
-def clipped(samples: np.ndarray, full_scale: np.ndarray) -> np.ndarray:
-    """Return which sweeps (B, n) were clipped: samples at full scale, or an extreme code too frequent for a wave.
-
-    A sine of amplitude A spends at most sqrt(2 / A) / pi of its time within the last code. Three times as much, at
-    either extreme, shows a limiter below full scale.
-    """
-    highest, lowest = samples.max(axis=1), samples.min(axis=1)
-    amplitude = (highest.astype(float) - lowest) / 2
-    at_limit = (highest >= full_scale - 1.0) | (lowest <= 1.0 - full_scale)
-    count = np.maximum((samples == highest[:, None]).sum(axis=1), (samples == lowest[:, None]).sum(axis=1))
-    usual = np.sqrt(2.0 / np.maximum(amplitude, 1.0)) / np.pi
-    return at_limit | ((amplitude >= 4.0) & (count > 3.0 * usual * samples.shape[1]))
-
-
-def has_burst(record: np.ndarray, windowed: bool) -> np.ndarray:
-    """Return which sweeps (B, N) hold a burst: a few blocks with far more energy than the median one.
-
-    A line, a second one 6 dB weaker and white noise together stay below twice the median; a block of white noise alone
-    reaches 2.4 times the median once in 1e6 sweeps. Where a window (`windowed`) weighs the sweep's start with next to
-    nothing, its first sixteenth, in which a receiver settles, does not count.
-    """
-    count = record.shape[1] // _BLOCK
-    if count < 2 * _SETTLING_SHARE:
-        return np.zeros(len(record), bool)
-    used = record[:, : count * _BLOCK]
-    squared = used.real**2 + used.imag**2 if np.iscomplexobj(used) else used * used
-    energy = squared.reshape(len(record), count, _BLOCK)[:, count // _SETTLING_SHARE if windowed else 0 :].sum(axis=2)
-    energy.partition(energy.shape[1] // 2, axis=1)
-    return energy.max(axis=1) > _BURST * np.maximum(energy[:, energy.shape[1] // 2], _BLOCK)
 
 
 def _fft_length(count: int) -> int:
