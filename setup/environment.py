@@ -39,7 +39,7 @@ def _update(root, progress, lock):
         sys.stderr.write("drfmcw: messages or packages changed; building again\n")
     else:
         source = f"ROS 2 Jazzy of {os.environ['AMENT_PREFIX_PATH'].split(os.pathsep)[-1]}" if system_ros else "wheels"
-        sys.stderr.write(f"drfmcw: setting up {os.path.join(root, stamp.VENV)} with {source}, about a minute\n")
+        sys.stderr.write(f"drfmcw: setting up {os.path.join(root, stamp.VENV)} with {source}, about two minutes\n")
         # Every stamp goes before what it vouches for, and comes back after it.
         stamp.remove(root, stamp.BUILD_STAMP)
         stamp.remove(root, stamp.WHEELS_STAMP)
