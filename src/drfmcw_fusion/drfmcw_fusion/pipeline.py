@@ -14,7 +14,7 @@ from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
-from .combination import PathDelay, Station, combine, own_path
+from .combination import PathDelay, Station, combine, own_path, start_delay_excess
 from .integrity.checks import PASSED, Decision, Verdict
 from .integrity.continuity import Limits, Measured
 from .integrity.monitor import INTEGRITY_RISK, Judgement, PairMonitor
@@ -76,6 +76,7 @@ class RangeResult:
     protection_level: float = math.nan  # bound of the error [m]; infinite where refused
     integrity_risk: float = math.nan  # probability of an error beyond it [1]
     failed_tests: int = 0  # bits of integrity.checks.Test
+    start_delay_excess: float = math.nan  # true T_off over the nominal one, of a pair [s]
     correlated_std: float = 0.0  # part of range_std that does not average over sweeps; 0: not stated [m]
 
     @property
@@ -342,6 +343,7 @@ class RangeFusion:
             protection_level=judged.protection_level(range_std) if not flags & _USELESS else math.inf,
             integrity_risk=INTEGRITY_RISK if not flags & _USELESS else 1.0,
             failed_tests=int(verdict.failed),
+            start_delay_excess=math.nan if first is second else start_delay_excess(first, second, path.delay),
             correlated_std=correlated_std,
         )
 

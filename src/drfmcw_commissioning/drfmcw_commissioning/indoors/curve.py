@@ -12,6 +12,7 @@ from drfmcw_physics.settings import ConfigurationError
 SHAPES = {'constant': 0, 'linear': 1, 'cubic': 3}
 """Order of the polynomial of each shape; an AT-cut crystal follows a cubic over its whole range."""
 
+_ORDERS = range(4)
 _FEWEST = {'constant': 1, 'linear': 3, 'cubic': 6}  # different temperatures: two more than a shape has parameters
 _SAME = 0.5  # temperatures closer than this are one [K]
 _POOR = 1e-3  # probability of residuals this large by chance, below which their scatter replaces the counter's
@@ -42,6 +43,17 @@ class Curve:
         powers = _powers(temperature, self.temperature)
         return np.sqrt(np.einsum('...i,ij,...j', powers, self.covariance, powers))
 
+    def about(self, temperature: float) -> 'Curve':
+        """Return the same curve with its coefficients given at another temperature [degC]."""
+        shift = temperature - self.temperature
+        matrix = np.array([[math.comb(j, i) * shift ** max(j - i, 0) for j in _ORDERS] for i in _ORDERS])
+        return dataclasses.replace(
+            self,
+            temperature=temperature,
+            coefficients=matrix @ self.coefficients,
+            covariance=matrix @ self.covariance @ matrix.T,
+        )
+
     @property
     def largest_std(self) -> float:
         """The standard deviation where it is largest within the range of the readings [1]."""
@@ -49,25 +61,27 @@ class Curve:
 
 
 def fit(
-    deviations: Sequence[float],
-    temperatures: Sequence[float],
-    stds: Sequence[float],
+    deviations: Sequence[float] | np.ndarray,
+    temperatures: Sequence[float] | np.ndarray,
+    stds: Sequence[float] | np.ndarray,
     time_base_std: float,
     shape: str = 'auto',
     reference: float = 25.0,
+    longest: str = 'cubic',
 ) -> Curve:
-    """Fit a clock's curve by weighted least squares.
+    """Fit a curve over the board temperature by weighted least squares.
 
     The shape is chosen by the Bayesian information criterion. Where the residuals are larger than the readings'
     standard deviations allow, these are widened until they agree.
 
     Args:
-        deviations: frequency / nominal - 1, (n,) [1].
+        deviations: of a clock, frequency / nominal - 1, or any other quantity, (n,) [1].
         temperatures: of the board, (n,) [degC].
         stds: of each reading by itself, (n,) [1].
         time_base_std: what the counter's time base may be off, the same in all readings [1].
         shape: one of SHAPES, or 'auto'.
         reference: temperature at which the coefficients are given, moved into the range of the readings [degC].
+        longest: shape of the highest order that 'auto' may choose.
 
     Raises:
         ConfigurationError: no readings, or too few temperatures for the shape asked for.
@@ -82,7 +96,9 @@ def fit(
             f'a {shape} curve needs readings at {_FEWEST[shape]} board temperatures at least, not {different}'
         )
     at = min(max(reference, low), high)
-    shapes = [name for name in SHAPES if different >= _FEWEST[name]] if shape == 'auto' else [shape]
+    shapes = [shape]
+    if shape == 'auto':
+        shapes = [name for name, order in SHAPES.items() if order <= SHAPES[longest] and different >= _FEWEST[name]]
     tried = [_solve(y, _powers(t, at)[:, : SHAPES[name] + 1], sigma) for name in shapes]
     chosen = min(range(len(tried)), key=lambda i: tried[i][2] + len(tried[i][0]) * math.log(len(y)))
     solution, covariance, chi_square = tried[chosen]
