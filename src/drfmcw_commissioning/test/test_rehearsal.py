@@ -15,13 +15,13 @@ SHORT_BENCH = Bench(chambers=(-10.0, 18.0, 45.0), sweeps=4)
 
 
 def test_a_few_commissionings_hold_what_they_state():
-    """12 commissionings at two distances: chi-square of 12, above 3 times its mean in 1e-7 of cases (issue 15: 200)."""
+    """8 commissionings at two distances: chi-square of 8, above 4 times its mean in 1e-4 of cases (issue 15: 200)."""
     field = Field(distances=(150.0, 1000.0), sweeps=6)
-    rows = summarise(commission(seed, SHORT_BENCH, field) for seed in range(12))
+    rows = summarise(commission(seed, SHORT_BENCH, field) for seed in range(8))
     for row in rows:
-        assert 0.1 < row.chi_square < 3.0
+        assert 0.1 < row.chi_square < 4.0
         assert not row.systematic and row.flagged == 0
-        assert row.stated == pytest.approx(5e-3, rel=0.3), 'the cable, mostly'
+        assert 4e-3 < row.stated < 8e-3, 'the cable, mostly'
 
 
 def test_calibration_on_the_bench_finds_the_stations():
@@ -67,7 +67,8 @@ def test_summary_counts_what_is_outside():
     (row,) = summarise([[good], [bad]])
     assert (row.count, row.within, row.flagged) == (2, 0.5, 1)
     assert row.chi_square == pytest.approx((4.0 + 16.0) / 2)
-    assert row.systematic is False and summarise([[bad]] * 20)[0].systematic
+    slight = dataclasses.replace(good, error=2e-3)
+    assert summarise([[bad]] * 20)[0].systematic and not summarise([[slight]])[0].systematic
 
 
 def test_rehearsal_is_a_command(capsys, tmp_path):

@@ -72,15 +72,16 @@ def fit_site(
     if np.count_nonzero(explained) < _FEWEST:
         explained[:] = True
     fewest = max(_FEWEST, len(groups) // 3)
-    while True:
-        chosen = problem.selected(explained, kept)
-        solution, covariance, _ = problem.solve(chosen, explained)
-        residual = problem.range_error - problem.range_design[:, chosen] @ solution
-        pull = np.abs(residual) / problem.range_std
-        worst = int(np.argmax(np.where(explained, pull, 0.0)))
-        if pull[worst] < _OUTLIER or np.count_nonzero(explained) <= fewest:
+    chosen = problem.selected(explained, kept)
+    while np.count_nonzero(explained) > fewest:
+        odd = problem.odd_one(chosen, explained, kept)
+        if odd is None:
             break
-        explained[worst] = False
+        explained[odd] = False
+        chosen = problem.selected(explained, kept)
+    solution, covariance, _ = problem.solve(chosen, explained)
+    residual = problem.range_error - problem.range_design[:, chosen] @ solution
+    pull = np.abs(residual) / problem.range_std
     explained &= pull < _OUTLIER
     predicted = np.einsum('ij,jk,ik->i', problem.range_design[:, chosen], covariance, problem.range_design[:, chosen])
     corrections = [
@@ -112,6 +113,7 @@ class _Problem:
     excess: np.ndarray  # (groups,) [s]
     excess_std: np.ndarray
     excess_design: np.ndarray
+    known: dict[bytes, tuple[np.ndarray, np.ndarray, float]]  # normal equations by rows
 
     @classmethod
     def of(
@@ -128,26 +130,33 @@ class _Problem:
             np.array([g.excess for g in groups]) + held[1],
             np.hypot([g.excess_std for g in groups], _TRUSTED_START_DELAY),
             designs[:, 1].T,
+            {},
         )
+
+    def normal(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return the normal equations of all candidates: matrix, right-hand side, chi-square without any."""
+        key = rows.tobytes()
+        if key not in self.known:
+            design = np.vstack(
+                [
+                    self.range_design[rows] / self.range_std[rows, None],
+                    self.excess_design[rows] / self.excess_std[rows, None],
+                ]
+            )
+            target = np.concatenate(
+                [self.range_error[rows] / self.range_std[rows], self.excess[rows] / self.excess_std[rows]]
+            )
+            bound = np.diag([candidate.prior**-2 for candidate in self.offered])
+            self.known[key] = design.T @ design + bound, design.T @ target, float(target @ target)
+        return self.known[key]
 
     def solve(self, chosen: Sequence[int], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return values and covariance of candidates [units], and chi-square with them."""
+        matrix, right, chi_square = self.normal(rows)
         columns = list(chosen)
-        prior = np.array([self.offered[j].prior for j in columns])
-        design = np.vstack(
-            [
-                self.range_design[rows][:, columns] / self.range_std[rows, None],
-                self.excess_design[rows][:, columns] / self.excess_std[rows, None],
-                np.diag(1.0 / prior),
-            ]
-        )
-        target = np.concatenate(
-            [self.range_error[rows] / self.range_std[rows], self.excess[rows] / self.excess_std[rows], 0.0 * prior]
-        )
-        solution, *_ = np.linalg.lstsq(design, target, rcond=None)
-        covariance = np.linalg.pinv(design.T @ design)
-        left = target - design @ solution
-        return solution, covariance, float(left @ left)
+        covariance = np.linalg.inv(matrix[np.ix_(columns, columns)])
+        solution = covariance @ right[columns]
+        return solution, covariance, chi_square - float(right[columns] @ solution)
 
     def selected(self, rows: np.ndarray, kept: Sequence[int] = ()) -> list[int]:
         """Return the candidates that the rows call for, in the order in which they were chosen, `kept` first."""
@@ -168,6 +177,25 @@ class _Problem:
                     chosen.remove(j)
                     best = without
         return chosen
+
+    def odd_one(self, chosen: Sequence[int], rows: np.ndarray, kept: Sequence[int]) -> int | None:
+        """Return the group without which the others need less explaining by more than a correction is worth.
+
+        One correction, and no group beyond `_OUTLIER`: nothing is odd.
+        """
+        solution, _, chi_square = self.solve(chosen, rows)
+        pull = np.abs(self.range_error - self.range_design[:, list(chosen)] @ solution) / self.range_std
+        if len(chosen) < 2 and np.max(pull[rows]) < _OUTLIER:
+            return None
+        least, odd = chi_square + ACCEPTED * len(chosen), None
+        for row in np.flatnonzero(rows):
+            rest = rows.copy()
+            rest[row] = False
+            fewer = self.selected(rest, kept)
+            cost = self.solve(fewer, rest)[2] + ACCEPTED * (len(fewer) + 1)
+            if cost < least:
+                least, odd = cost, int(row)
+        return odd
 
     def rivals(self, chosen: Sequence[int], own: int, rows: np.ndarray) -> tuple[float, tuple[Candidate, ...]]:
         """Return by how much chi-square grows without a candidate, and which ones would do as well."""
