@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from checkout import ROOT
 
 from drfmcw_commissioning.calibrate import main
 from drfmcw_commissioning.rehearsal.commissioning import TRUTH, Bench, Field, Outcome, calibrate, commission
@@ -76,3 +77,8 @@ def test_rehearsal_is_a_command(capsys, tmp_path):
     assert '--times must be 2' in capsys.readouterr().err
     assert main(['contributions', '--distance', '250']) == 0
     assert 'at 250 m [mm]' in capsys.readouterr().out
+
+
+def test_table_of_contributions_in_the_document_is_that_of_the_command():
+    document = (ROOT / 'docs/sensors_and_flags.md').read_text(encoding='utf-8')
+    assert table((100.0, 1000.0)) in document, 'run ./drfmcw calibrate contributions'

@@ -169,10 +169,10 @@ class FeedOwner(SweepOwner):
 
         The stored calibration, if any, gives the defaults of its parameters.
         """
+        store = CalibrationStore(state_directory(os.environ, settings.value.state_directory))
+        stored = store.newest(names.station)  # before the source opens, which a damaged document prevents
         super().__init__(node, names, settings, process, source, source_settings)
         sweep = SettingsParameters(node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep)
-        store = CalibrationStore(state_directory(os.environ, settings.value.state_directory))
-        stored = store.newest(names.station)
         known = Calibration(names.station) if stored is None else stored.calibration()
         calibration = SettingsParameters(node, Calibration, known, 'calibration', self._change_calibration)
         self._change_calibration(calibration.value)
