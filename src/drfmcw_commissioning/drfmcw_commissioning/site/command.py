@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.uncertainty import UNKNOWN
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.settings import ConfigurationError, nearest
@@ -98,7 +99,7 @@ def calibrate_site(
 
 def _air_std(ranges: Ranges) -> float:
     """Return the standard deviation of the refractivity [1e-6]: of sensors, or of unknown weather."""
-    stale = any(result.flags & 8 for result in ranges.results)
+    stale = any(result.flags & Flag.STALE_ENVIRONMENT for result in ranges.results)
     stds = UNKNOWN if stale else _SENSORS
     at = {'temperature': 15.0, 'pressure': 101325.0, 'humidity': 0.5}
 
