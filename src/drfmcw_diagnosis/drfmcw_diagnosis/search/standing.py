@@ -5,9 +5,9 @@ to kind of number, and fitted without one distance it predicts that distance. An
 has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of one kind at one
 station in one group of sweeps.
 
-What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well. So
-an effect of that kind is also in doubt where it leaves much of the range's error unexplained, and where others of that
-kind, which may nearly cancel it, make it many times less certain than it would be without them.
+What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
+So an effect of that kind is also in doubt where it leaves much of the range's error unexplained, and where others of
+that kind, which may nearly cancel it, make it many times less certain than it would be without them.
 """
 
 import dataclasses
