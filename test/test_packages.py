@@ -32,7 +32,7 @@ ROSDEP_KEYS = {
     'yaml': 'python3-yaml',
 }
 """Python module and its key in rosdep/python.yaml of github.com/ros/rosdistro; a ROS package is its own key."""
-NO_KEY = {'distributed', 'pyarrow', 'zarr'}
+NO_KEY = {'distributed', 'pyarrow', 'pyvisa', 'zarr'}
 """Optional, and unknown to rosdep (docs/dependencies.md)."""
 NOT_IMPORTED = {'drfmcw_bringup': {'ros2launch'}}
 """What a package needs beside its imports: the command that runs its launch files."""
