@@ -21,6 +21,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'follow_range = drfmcw_gateway.follow_range:main',
             'gateway = drfmcw_gateway.gateway:main',
         ],
     },

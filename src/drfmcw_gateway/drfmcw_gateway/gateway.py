@@ -7,11 +7,12 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drfmcw_msgs.msg import RangeEstimate
 from rclpy.node import Node
 
+from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
@@ -22,11 +23,27 @@ from drfmcw_ros.runner import run
 
 from .board import Board
 from .certificates import make_certificate
-from .opcua import endpoint
 from .quantities import gateway_table, pair_table, quality_table
 from .reading import USABLE, Estimate, Quality
-from .serving import Servers
 from .settings import GatewaySettings
+
+if TYPE_CHECKING:
+    from .serving import Servers
+
+
+def _serving(board: Board) -> 'Servers':
+    """Return the servers, started.
+
+    Raises:
+        ConfigurationError: see `Servers`; or a library lacks, which a system installation of ROS 2 does not bring.
+    """
+    try:
+        from .serving import Servers
+    except ModuleNotFoundError as error:
+        raise ConfigurationError(
+            f'{error.name} is not installed: pip install asyncua pymodbus (docs/dependencies.md)'
+        ) from None
+    return Servers(board)
 
 
 class GatewayNode(Node):
@@ -40,7 +57,7 @@ class GatewayNode(Node):
         self._board = Board(settings, clock=lambda: self.get_clock().now().nanoseconds)
         self._sources = {pair: Publishers(f'/{pair}/range') for pair in settings.pairs}
         self._seen = dict.fromkeys(settings.pairs, 0)  # counters at the last diagnostics
-        self._servers: Servers | None = Servers(self._board)
+        self._servers: Servers | None = _serving(self._board)
         for pair, sources in self._sources.items():
             take = functools.partial(self._take, pair)
             qos.subscription(self, RangeEstimate, sources.topic, take, qos.RELIABLE, batch=True, numbers=sources.add)
@@ -52,7 +69,7 @@ class GatewayNode(Node):
             diagnostics.add('OPC UA', self._diagnose_opcua)
         if settings.modbus:
             diagnostics.add('Modbus', self._diagnose_modbus)
-        where = [f'OPC UA at {endpoint(settings)}'] if settings.opcua else []
+        where = [f'OPC UA at {settings.endpoint}'] if settings.opcua else []
         where += [f'Modbus TCP at {settings.modbus_address}:{settings.modbus_port}'] if settings.modbus else []
         self.get_logger().info(f'{", ".join(settings.pairs)}: {", ".join(where)}')
 
@@ -96,7 +113,7 @@ class GatewayNode(Node):
 
     def _diagnose_opcua(self, status: Status) -> None:
         settings = self._settings.value
-        status.value('endpoint', endpoint(settings))
+        status.value('endpoint', settings.endpoint)
         security = 'Basic256Sha256, signed and encrypted' if settings.certificate else 'none: this machine'
         status.value('security', security)
         if self._servers is not None and self._servers.opcua is not None:

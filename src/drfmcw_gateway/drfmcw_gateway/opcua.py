@@ -102,7 +102,7 @@ class OpcUaServer:
         open_to_all = loopback and not settings.clients
         server = Server(user_manager=_Users(self._known, open_to_all))
         await server.init()
-        server.set_endpoint(endpoint(settings))
+        server.set_endpoint(settings.endpoint)
         server.set_server_name('drfmcw gateway')
         await server.set_application_uri(_application_uri(self._certificate))
         server.set_identity_tokens([ua.AnonymousIdentityToken, ua.X509IdentityToken])
@@ -221,7 +221,7 @@ def _check_port(settings: GatewaySettings) -> None:
 
 def _cannot_listen(settings: GatewaySettings, error: OSError) -> ConfigurationError:
     reason = os.strerror(error.errno) if error.errno else str(error)
-    return ConfigurationError(f'opcua_address, opcua_port: cannot listen at {endpoint(settings)}: {reason}')
+    return ConfigurationError(f'opcua_address, opcua_port: cannot listen at {settings.endpoint}: {reason}')
 
 
 def _integer(kind: Kind, number: float, type_: ua.VariantType) -> ua.Variant:
@@ -273,9 +273,3 @@ def _certificates_in(directory: str) -> set[bytes]:
 
 def _der(certificate: x509.Certificate) -> bytes:
     return certificate.public_bytes(Encoding.DER)
-
-
-def endpoint(settings: GatewaySettings) -> str:
-    """Return the URL that clients connect to."""
-    host = f'[{settings.opcua_address}]' if ':' in settings.opcua_address else settings.opcua_address
-    return f'opc.tcp://{host}:{settings.opcua_port}/drfmcw/'

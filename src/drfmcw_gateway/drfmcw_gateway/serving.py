@@ -70,6 +70,15 @@ class Servers:
         if not waiting:  # what comes before the update runs goes with it
             asyncio.run_coroutine_threadsafe(self._renew(), self._loop)
 
+    def renew_and_wait(self, pairs: Sequence[str], limit: float) -> None:
+        """Publish the newest ranges of some pairs, and wait until OPC UA has them: `limit` seconds at most.
+
+        Raises:
+            TimeoutError: it has not.
+        """
+        if self.opcua is not None:
+            asyncio.run_coroutine_threadsafe(self.opcua.update(pairs), self._loop).result(limit)
+
     async def _renew(self) -> None:
         with self._lock:
             pairs, self._new = sorted(self._new), set()

@@ -97,6 +97,12 @@ class GatewaySettings:
         networks(self.modbus_from)
 
     @property
+    def endpoint(self) -> str:
+        """Return the URL that OPC UA clients connect to."""
+        host = f'[{self.opcua_address}]' if ':' in self.opcua_address else self.opcua_address
+        return f'opc.tcp://{host}:{self.opcua_port}/drfmcw/'
+
+    @property
     def period(self) -> float:
         """Return how often silence is looked for [s]: five times within the time-out, 20 times a second at most."""
         return min(0.05, self.timeout / 5.0)

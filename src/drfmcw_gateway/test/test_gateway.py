@@ -160,7 +160,9 @@ def test_registers_of_an_unusable_range_hold_no_number():
 
 
 def test_infinite_and_unknown_numbers_have_registers():
-    words = pair_registers(reading_of(dataclasses.replace(GOOD, protection_level=math.inf, velocity=math.nan, flags=64)))
+    words = pair_registers(
+        reading_of(dataclasses.replace(GOOD, protection_level=math.inf, velocity=math.nan, flags=64))
+    )
     assert decoded(words, 'protection_level') == math.inf
     assert decoded(words, 'protection_level_integer') == 2**31 - 1
     assert math.isnan(decoded(words, 'velocity'))
