@@ -1,6 +1,8 @@
 """Age of a value when a controller first sees it, by OPC UA subscription and by Modbus polling, from a live graph."""
 
 import asyncio
+import datetime
+import logging
 import struct
 import tempfile
 import threading
@@ -25,6 +27,8 @@ from drfmcw_ros.config_files import find_config
 from drfmcw_study.soak_gateway import free_port
 
 _PAIR = 'master/slave'
+_ROS = 'ROS 2 subscriber'
+_EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _RATE = 50.0  # ranges per second
 _GOAL = 20.0  # age of a value [ms]
 _POLL = 1e-3  # between two Modbus requests [s]
@@ -34,10 +38,11 @@ _START_LIMIT = 60.0  # until the gateway answers [s]
 
 
 class _Opcua:
-    """A subscription in a thread of its own; keeps (stamp, age) of each value [s]."""
+    """A subscription in a thread of its own; keeps the age [s] of each value by its stamp [us]."""
 
     def __init__(self, port: int) -> None:
-        self.ages: list[tuple[float, float]] = []
+        logging.getLogger('asyncua').setLevel(logging.ERROR)  # which intervals were agreed on
+        self.ages: dict[int, float] = {}
         self._port = port
         self._loop = asyncio.new_event_loop()
         threading.Thread(target=self._loop.run_forever, daemon=True).start()
@@ -61,8 +66,9 @@ class _Opcua:
 
     def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
         """Take a value; called by asyncua."""
-        stamp = data.monitored_item.Value.SourceTimestamp.timestamp()
-        self.ages.append((stamp, time.time() - stamp))
+        since = data.monitored_item.Value.SourceTimestamp - _EPOCH
+        stamp = (since.days * 86400 + since.seconds) * 1_000_000 + since.microseconds
+        self.ages.setdefault(stamp, time.time() - 1e-6 * stamp)
 
     def close(self) -> None:
         """Disconnect."""
@@ -72,10 +78,10 @@ class _Opcua:
 
 
 class _Modbus:
-    """Polls a pair's block in a thread of its own; keeps (stamp, age) of each new value [s]."""
+    """Polls a pair's block in a thread of its own; keeps the age [s] of each new value by its stamp [us]."""
 
     def __init__(self, port: int) -> None:
-        self.ages: list[tuple[float, float]] = []
+        self.ages: dict[int, float] = {}
         self._client = ModbusTcpClient('127.0.0.1', port=port)
         end = time.monotonic() + _START_LIMIT
         while not self._client.connect():
@@ -96,9 +102,9 @@ class _Modbus:
                 struct.unpack_from('>I', data, 2 * at[name])[0] for name in ('counter', 'stamp', 'stamp_nanoseconds')
             )
             if counter != newest:
-                stamp = seconds + 1e-9 * fraction
+                stamp = seconds * 1_000_000 + fraction // 1000
                 newest = counter
-                self.ages.append((stamp, time.time() - stamp))
+                self.ages[stamp] = time.time() - 1e-6 * stamp
             time.sleep(_POLL)
 
     def close(self) -> None:
@@ -110,10 +116,13 @@ class _Modbus:
 
 def _measure(
     graph: Graph, monitor: RangeMonitor, ports: tuple[int, int], seconds: float, console: Console
-) -> dict[str, np.ndarray]:
-    """Return the ages that each client saw, and those at a ROS 2 subscriber [s]."""
+) -> dict[str, dict[int, float]]:
+    """Return {who: {stamp [us]: age [s]}} of each client and of a ROS 2 subscriber."""
     await_first(graph, monitor)
-    clients = {'OPC UA subscription': _Opcua(ports[0]), 'Modbus polling': _Modbus(ports[1])}
+    clients: dict[str, _Opcua | _Modbus] = {
+        'OPC UA subscription': _Opcua(ports[0]),
+        'Modbus polling': _Modbus(ports[1]),
+    }
     try:
         time.sleep(_WARM_UP)
         begin = time.time()
@@ -125,10 +134,9 @@ def _measure(
             client.close()
     for member in graph.tend():
         raise ConfigurationError(f'gateway: {member.name} ended: {graph.last_words(member)}')
-    ages = {name: np.array([age for stamp, age in c.ages if begin <= stamp < end]) for name, c in clients.items()}
-    arrivals = [a for a in monitor.arrivals if begin <= a.stamp * 1e-9 < end]
-    ages['ROS 2 subscriber'] = np.array([(a.received - a.stamp) * 1e-9 for a in arrivals])
-    return ages
+    ages = {_ROS: {a.stamp // 1000: (a.received - a.stamp) * 1e-9 for a in monitor.arrivals}}
+    ages |= {name: client.ages for name, client in clients.items()}
+    return {name: {t: age for t, age in seen.items() if begin <= t * 1e-6 < end} for name, seen in ages.items()}
 
 
 def bench_gateway(seconds: float, console: Console) -> list[Figure]:
@@ -146,14 +154,22 @@ def bench_gateway(seconds: float, console: Console) -> list[Figure]:
         graph.start('simulator', SIMULATOR, *parameters({'scenario': find_config('crane'), 'overrides': overrides}))
         ages = _measure(graph, monitor, ports, seconds, console)
     figures = []
-    published = len(ages['ROS 2 subscriber'])
+    published = len(ages[_ROS])
+    if not published:
+        raise ConfigurationError('gateway: no range in the measured time')
     for name, seen in ages.items():
-        if not len(seen):
+        what = f'gateway at {_RATE:g} ranges/s, {name}'
+        values = np.array(list(seen.values()))
+        if not len(values):
             raise ConfigurationError(f'gateway: {name} saw no range in the measured time')
-        goal = None if name.startswith('ROS') else _GOAL
         figures += [
-            Figure(f'gateway at {_RATE:g} ranges/s, {name}: age p50', float(np.percentile(seen, 50)) * 1e3, 'ms'),
-            Figure(f'gateway at {_RATE:g} ranges/s, {name}: age p99', float(np.percentile(seen, 99)) * 1e3, 'ms', goal),
-            Figure(f'gateway at {_RATE:g} ranges/s, {name}: seen', len(seen), f'of {published}'),
+            Figure(f'{what}: age p50', float(np.percentile(values, 50)) * 1e3, 'ms'),
+            Figure(f'{what}: age p99', float(np.percentile(values, 99)) * 1e3, 'ms', None if name == _ROS else _GOAL),
         ]
+        if name != _ROS:
+            beyond = np.array([age - ages[_ROS][stamp] for stamp, age in seen.items() if stamp in ages[_ROS]])
+            figures += [
+                Figure(f'{what}: later than at a ROS 2 subscriber, p50', float(np.percentile(beyond, 50)) * 1e3, 'ms'),
+                Figure(f'{what}: seen', len(values), f'of {published}'),
+            ]
     return figures
