@@ -71,6 +71,12 @@ def read_weather(topic: str, message: Any) -> tuple[str, float]:
     return quantity, float(getattr(message, field))
 
 
+def weather_std(message: Any) -> float:
+    """Return the standard deviation that a message of a weather sensor states, in its unit; 0 where it states none."""
+    variance = float(message.variance)
+    return math.sqrt(variance) if 0.0 < variance < math.inf else 0.0
+
+
 def is_weather(topic: str) -> bool:
     """Return True for the topics of the weather sensors."""
     return topic in _WEATHER
@@ -185,7 +191,7 @@ class RecordingReplay:
         if topic in SITE_TOPICS:
             if is_weather(topic):
                 quantity, value = read_weather(topic, message)
-                self._fusion.add_weather(quantity, stamp, value)
+                self._fusion.add_weather(quantity, stamp, value, weather_std(message))
             else:
                 self._reference.append((stamp, message.range, message.range_std, message.header.frame_id))
         elif name == 'sweep_config':
@@ -197,7 +203,8 @@ class RecordingReplay:
             self._fusion.add_calibration(calibration)
             self._processor.add_calibration(calibration)
         elif name == 'status':
-            self._fusion.add_board_temperature(station, stamp, message.temperature)
+            for consumer in (self._fusion, self._processor):
+                consumer.add_board_temperature(station, stamp, message.temperature)
 
     def _process(self) -> Iterator[RangeResult]:
         """Estimate the pending sweeps and yield the ranges of those whose partner is there too."""

@@ -25,6 +25,7 @@ _COMPARED = (
     'delay_correction',
     'velocity_correction',
     'refractive_index',
+    'correlated_std',
 )
 
 

@@ -218,14 +218,22 @@ class Timeline:
 
     def opening(self) -> list[Event]:
         """Return calibrations and settings of all stations, published before the first sweep."""
-        events = []
         early = self.stamp(0.0) - NANOSECONDS
-        for name in self.scenario.stations:
-            calibration = dataclasses.replace(self.scenario.calibration(name), stamp=early)
-            events.append(Event(f'/{name}/calibration', early, calibration))
+        events = self.calibrations(early)
         for pair in range(len(self.scenario.pairs)):
             events += self._settings_events(pair, early + NANOSECONDS // 2)
         return events
+
+    def calibrations(self, stamp: int) -> list[Event]:
+        """Return the calibrations of all stations, valid from a stamp [ns] on."""
+        return [
+            Event(
+                f'/{name}/calibration',
+                stamp,
+                dataclasses.replace(self.scenario.published_calibration(name), stamp=stamp),
+            )
+            for name in self.scenario.stations
+        ]
 
     def _settings_events(self, pair: int, stamp: int) -> list[Event]:
         return [
