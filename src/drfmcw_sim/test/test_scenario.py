@@ -18,7 +18,7 @@ from drfmcw_sim.signal_model import synthesise
 from drfmcw_sim.timeline import IfSweep, Timeline
 from drfmcw_sim.trajectory import Drive, Profile, Standing
 
-SCENARIOS = sorted(CONFIG.glob('*.yaml'))
+SCENARIOS = sorted(set(CONFIG.glob('*.yaml')) - {CONFIG / 'requirements.yaml'})
 
 
 def minimal(**changes):
