@@ -62,7 +62,7 @@ class NodeRights:
 
 
 def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRights]:
-    """Return what the nodes of some pairs need, and nothing else: stations, fusion, recorder, gateway, example follower.
+    """Return what the nodes of some pairs need, and nothing else: stations, fusion, recorder, gateway, example.
 
     Args:
         pairs: names of the first and the second station of each; equal where a station hears itself.
