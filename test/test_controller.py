@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import struct
+import time
 
 import pytest
 from test_graph import LIMIT, STANDING, scenario_file, site
@@ -20,6 +21,7 @@ pytestmark = pytest.mark.graph
 pytest.importorskip('asyncua')
 pytest.importorskip('pymodbus')
 
+START_LIMIT = 120.0  # on a busy machine [s]
 DISTANCE = 100.0  # of STANDING [m]
 AT = offsets(PAIR_QUANTITIES)
 
@@ -40,6 +42,14 @@ def block(port):
         return None
     formats = {'quality': '>H', 'counter': '>I', 'range': '>f', 'range_std': '>f'}
     return tuple(struct.unpack_from(form, data, 2 * AT[name])[0] for name, form in formats.items())
+
+
+def wait_for_gateway(live, port):
+    """Wait until the gateway answers: making the address space of OPC UA takes seconds of processor time."""
+    process, end = live.graph.members['gateway'].process, time.monotonic() + START_LIMIT
+    while block(port) is None:
+        assert process.poll() is None and time.monotonic() < end, live.logs()
+        time.sleep(0.1)
 
 
 def opcua(port, name):
@@ -64,6 +74,7 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
     with site(tmp_path) as live:
         live.graph.start('gateway', GATEWAY, *parameters({**ports, **generous, 'lost_time': 3.0}))
         live.graph.start('follower', FOLLOWER, *parameters({**generous, 'margin': 1.0}))
+        wait_for_gateway(live, ports['modbus_port'])
         live.start(path, {}, tmp_path / 'recording')
 
         def state():
