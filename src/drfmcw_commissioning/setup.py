@@ -8,6 +8,7 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*']),
+    package_data={NAME + '.survey': ['templates/*.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         ('share/' + NAME, ['package.xml']),
@@ -22,6 +23,7 @@ setup(
     entry_points={
         'console_scripts': [
             'calibrate = drfmcw_commissioning.calibrate:main',
+            'survey = drfmcw_commissioning.survey.command:main',
         ],
     },
 )

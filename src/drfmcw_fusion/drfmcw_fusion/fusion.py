@@ -99,8 +99,8 @@ class FusionNode(Node):
         for pair in self._pair_settings.value.pairs:
             first, second = pair.split('/')
             self._pairs[first, second] = _PairState(
-                qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RELIABLE),
-                qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RELIABLE),
+                qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RANGE),
+                qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RANGE),
             )
         self._requests: dict[tuple[str, str], Any] = {}
         self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]

@@ -129,6 +129,7 @@ class RecordingReplay:
         self._pending: list[Sweep] = []
         self._reference: list[tuple[int, float, float, str]] = []
         self._sweeps = 0
+        self._observe: Callable[[Beat, RangeResult | None], None] | None = None
         self._refused: collections.Counter[str] = collections.Counter()  # messages by reason
 
     def _optional(self) -> Iterator[tuple[str, str]]:
@@ -139,8 +140,18 @@ class RecordingReplay:
         yield '/site/humidity', 'the default weather is used'
         yield '/reference/range', 'no error against a reference is known'
 
-    def run(self, progress: Callable[[int], None] | None = None) -> Replay:
-        """Recompute everything; `progress` is called with the number of messages read so far."""
+    def run(
+        self,
+        progress: Callable[[int], None] | None = None,
+        observe: Callable[[Beat, RangeResult | None], None] | None = None,
+    ) -> Replay:
+        """Recompute everything.
+
+        Args:
+            progress: called with the number of messages read so far.
+            observe: called with each station's result, and the range that it completes, None without one.
+        """
+        self._observe = observe
         results: list[RangeResult] = []
         samples = {f'/{name}/if_samples' for name in self.stations}
         # everything is looked up by stamp: first all that sweeps depend on, whenever it was written, then the sweeps
@@ -222,6 +233,8 @@ class RecordingReplay:
         """Yield the ranges of beat frequencies whose partner is there too."""
         for beat in sorted(beats, key=lambda b: (b.stamp, b.sweep_id)):
             result = self._fusion.add_beat(beat)
+            if self._observe is not None:
+                self._observe(beat, result)
             if result is not None:
                 yield result
 

@@ -1,6 +1,7 @@
 """Scenario: site, stations, pairs, trajectories, weather, noise and effects, read from YAML."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ import yaml
 
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.schedule import Demand, Schedule, schedule
 from drfmcw_physics.settings import (
     ConfigurationError,
     Parameter,
@@ -104,6 +106,11 @@ class _PairParameters:
     frequency_offset: float = parameter(
         0.0, unit='Hz', bounds=(-1e9, 1e9), description='f_o,off = f_0 of the first minus f_0 of the second station'
     )
+    rate: float = parameter(
+        math.nan, unit='Hz', bounds=(1e-6, 1e5), nan_means='an equal share of the time that is left',
+        description='at least so many sweeps per second, in time division with other pairs',
+    )  # fmt: skip
+    priority: int = parameter(0, bounds=(-1000, 1000), description='the higher one gets its rate first')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,7 +155,10 @@ class TimingSettings:
     """When sweeps happen, and how they vary."""
 
     sweep_interval: float = parameter(
-        0.02, unit='s', bounds=(1e-5, 1e6), description='from one sweep pair to the next, pairs in turn'
+        0.02,
+        unit='s',
+        bounds=(1e-5, 1e6),
+        description='of a slot of the time division: from one sweep pair to the next',
     )
     mode_change_duration: float = parameter(
         0.05, unit='s', bounds=(0.0, 1e3), description='time without sweeps while the hardware changes its mode'
@@ -179,6 +189,11 @@ class Scenario:
     effects: tuple[Effect, ...] = ()
     stored: dict[str, Calibration] = dataclasses.field(default_factory=dict)  # by station, where it is not the truth
     seed: int = parameter(1, bounds=(0, 2**63 - 1), description='of all random numbers')
+
+    @functools.cached_property
+    def schedule(self) -> Schedule:
+        """Which pair measures in which slot."""
+        return schedule([Demand(p.rate, p.priority) for p in self.pairs], self.timing.sweep_interval)
 
     def published_calibration(self, station: str) -> Calibration:
         """Return the calibration that a station publishes: a stored document's, else the true one."""

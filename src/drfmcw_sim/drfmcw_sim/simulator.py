@@ -452,6 +452,16 @@ class Simulator(Node):
             self.get_logger().info(f'scenario ended after {self._timeline.next_sweep_id} sweeps')
             raise Finished
 
+    def _diagnose_schedule(self, status: Status) -> None:
+        """Show what the time division gives to each pair, and warn of a pair that gets less than it asks for."""
+        plan = self.scenario.schedule
+        for number, pair in enumerate(self.scenario.pairs):
+            name = f'{pair.first}/{pair.second}'
+            waits = f'{plan.rate(number):.4g} Hz, {plan.longest_wait(number):.4g} s at most between two sweeps'
+            status.value(f'schedule of {name}', waits)
+            if plan.falls_short(number):
+                status.report(WARN, f'{name} gets {plan.rate(number):.4g} Hz of {pair.rate:g} Hz: too many pairs')
+
     def _diagnose(self, status: Status) -> None:
         with self._lock:
             silent = sorted(self._acknowledgements.silent)
@@ -459,6 +469,7 @@ class Simulator(Node):
         status.report(WARN if silent else OK, f'no answer from {", ".join(silent)}' if silent else self._state)
         if self._lag > 0.1:
             status.report(WARN, f'{self._lag:.2f} s behind the pace')
+        self._diagnose_schedule(status)
         status.value('sweeps', self._timeline.next_sweep_id)
         status.value('sweeps of the scenario', self._timeline.sweep_count)
         status.value('outstanding', outstanding)

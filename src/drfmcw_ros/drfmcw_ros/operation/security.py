@@ -62,7 +62,7 @@ class NodeRights:
 
 
 def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRights]:
-    """Return what the stations, the fusion and the recorder of some pairs need, and nothing else.
+    """Return what the nodes of some pairs need, and nothing else: stations, fusion, recorder, gateway, example.
 
     Args:
         pairs: names of the first and the second station of each; equal where a station hears itself.
@@ -94,6 +94,8 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
     recorded = [f'/{station}/{name}' for station in stations for name in ('if_samples', 'if_spectrum')]
     everything = (*site, '/reference/range', '/diagnostics', *of_stations, *recorded, *ranges)
     found.append(NodeRights('/', 'recorder', ('/diagnostics',), everything))
+    controllers = tuple(f'/{first}/{second}/range' for first, second in pairs)
+    found += [NodeRights('/', node, ('/diagnostics',), controllers) for node in ('gateway', 'follow_range')]
     return found
 
 
