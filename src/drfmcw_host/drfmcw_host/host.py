@@ -5,6 +5,7 @@ import getpass
 import ipaddress
 import os
 import socket
+import ssl
 import sys
 import threading
 import time
@@ -77,29 +78,28 @@ def is_loopback(address: str) -> bool:
         return False
 
 
-def checked(settings: Settings, passwords: Passwords, explicit: bool) -> Settings:
-    """Return the settings, read-only where nobody can log in.
-
-    Args:
-        settings: as given.
-        passwords: of those who may log in.
-        explicit: --read-only was given.
+def check(settings: Settings, passwords: Passwords) -> None:
+    """Refuse settings that would let others in unasked, or cannot be served.
 
     Raises:
-        ConfigurationError: the combination is refused.
+        ConfigurationError: with the reason.
     """
     known = bool(passwords.users())
-    if not is_loopback(settings.bind) and not known and not explicit:
+    if not is_loopback(settings.bind) and not known and not settings.read_only:
         raise ConfigurationError(
             f'--bind {settings.bind} lets other computers in, but no user has a password: '
             'run ./drfmcw host --set-password USER, or give --read-only'
         )
+    if not 0 <= settings.port <= 65_535:
+        raise ConfigurationError(f'--port {settings.port}: is no port')
     if (settings.certificate is None) != (settings.key is None):
         raise ConfigurationError('--tls-cert and --tls-key belong together')
-    for path in (settings.certificate, settings.key):
-        if path is not None and not os.access(path, os.R_OK):
-            raise ConfigurationError(f'{path}: cannot be read')
-    return settings
+    if settings.certificate is not None:
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(settings.certificate, settings.key)
+        except OSError as error:
+            reason = error.strerror or error.args[-1]
+            raise ConfigurationError(f'{settings.certificate}, {settings.key}: {reason}') from None
 
 
 def set_password(passwords: Passwords, user: str) -> None:
@@ -255,7 +255,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments.tls_cert,
             arguments.tls_key,
         )
-        checked(settings, passwords, arguments.read_only)
+        check(settings, passwords)
         store = Store()
         start = serving(settings, passwords, store)
         return run(HostNode, ros, store=store, on_ready=start)

@@ -29,6 +29,7 @@ _SLOW = 1.5  # times the usual interval between ranges: the same for a site that
 _RATE_TIME = 1.0  # over which the rate is counted [s]
 _REFERENCE_WAIT = 0.5  # of a range for the reading after it [s]
 _READINGS = 4000  # of the reference
+_JUMP = 10_000_000_000  # back in time, of a site that begins again [ns]
 _PENDING = 4000  # ranges that wait for the reference
 _DIAGNOSTIC_HOLD = 30.0  # after which a line of /diagnostics that is not repeated goes [s]
 _DIAGNOSTIC_LINES = 500
@@ -152,8 +153,9 @@ class Store:
     def add_reference(self, stamp: int, distance: float, frame: str) -> None:
         """Take a reading of the reference instrument: stamp [ns], distance [m]."""
         with self.lock:
-            if not self._references or stamp > self._references[-1][0] or frame != self._references[-1][2]:
-                self._references.append((stamp, distance, frame))
+            if self._references and stamp < self._references[-1][0] - _JUMP:
+                self._references.clear()  # a simulation began again
+            self._references.append((stamp, distance, frame))
 
     def age(self, pair: Pair) -> float:
         """Return the time since the pair's newest range arrived [s], infinite before the first."""

@@ -3,19 +3,18 @@
   'use strict';
   const SILENT = 450; // after which the page is grey [ms]
   const RETRY = 500; // between two attempts to connect [ms]
+  const RELOAD = 2000; // between two reloads [ms]
   let last = performance.now();
   let retrying = 0;
 
   const fields = (key) => document.querySelectorAll(`[data-field="${CSS.escape(key)}"]`);
   const own = (object) => Object.entries(object || {});
 
-  function cell(content, row) {
+  function cell(value, row) { // a text, or an object of text and state
     const element = row.insertCell();
-    if (content !== null && typeof content === 'object') {
-      element.dataset.state = content.state;
-      content = content.text;
-    }
-    element.textContent = content;
+    const plain = typeof value === 'string';
+    if (!plain) element.dataset.state = value.state;
+    element.textContent = plain ? value : value.text;
   }
 
   function table(body, rows) {
@@ -25,7 +24,7 @@
     body.replaceChildren();
     for (const cells of rows) {
       const row = body.insertRow();
-      for (const content of cells) cell(content, row);
+      for (const value of cells) cell(value, row);
     }
   }
 
@@ -55,12 +54,15 @@
   }
 
   function apply(message) {
-    const main = document.querySelector('main');
-    if (!main) return;
-    if (message.layout !== undefined && main.dataset.layout !== message.layout) {
-      main.dataset.layout = message.layout;
-      location.reload(); // a station or pair is new
-      return;
+    const content = document.querySelector('.content[data-live]');
+    if (!content) return;
+    if (message.layout !== undefined && content.dataset.layout !== message.layout) {
+      content.dataset.layout = message.layout;
+      if (Date.now() - Number(sessionStorage.getItem('reloaded')) > RELOAD) { // a station or pair is new
+        sessionStorage.setItem('reloaded', String(Date.now()));
+        location.reload();
+        return;
+      }
     }
     for (const [key, text] of own(message.text)) {
       for (const element of fields(key)) if (element.textContent !== text) element.textContent = text;
@@ -80,13 +82,13 @@
 
   function connect() {
     retrying = 0;
-    const main = document.querySelector('main[data-live]');
-    if (!main) { // NiceGUI has not mounted the page yet
+    const content = document.querySelector('.content[data-live]');
+    if (!content) { // NiceGUI has not mounted the page yet
       retrying = setTimeout(connect, 20);
       return;
     }
     const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
-    const socket = new WebSocket(`${scheme}://${location.host}/live?${main.dataset.live}`);
+    const socket = new WebSocket(`${scheme}://${location.host}/live?${content.dataset.live}`);
     socket.onmessage = (event) => {
       last = performance.now();
       document.documentElement.dataset.lost = 'false';

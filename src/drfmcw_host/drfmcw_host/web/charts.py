@@ -39,6 +39,6 @@ def axis_chart(palette: Colours, time_axis: bool = False) -> dict[str, Any]:
             'top': 'middle',
             'textStyle': {'color': palette.text, 'fontSize': 15, 'fontWeight': 'normal'},
         },
-        'textStyle': {'fontFamily': 'inherit'},
+        'textStyle': {'fontFamily': 'system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif'},
         'series': [],
     }

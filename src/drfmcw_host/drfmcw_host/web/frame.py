@@ -21,6 +21,7 @@ from ..files.work import Work
 from ..state.history import WINDOWS
 from ..state.store import Store
 from ..words.phrases import LANGUAGES, phrase
+from .charts import colours
 
 VIEWS = ('now', 'over-time', 'signals', 'stations', 'diagnosis', 'configuration', 'recordings')
 """Last part of each page's path, in the order of the navigation; the first one is also '/'."""
@@ -170,6 +171,7 @@ def frame(viewer: Viewer, layout: str) -> Iterator[None]:
     """Build a page's head and navigation; what is added inside becomes its content."""
     say, view = viewer.say, viewer.view
     asset = viewer.host.asset
+    ui.colors(primary=colours(viewer.theme).lines[0], positive='#00654d', negative='#a52a00', warning='#8a5a00')
     ui.page_title(f'{say(f"view.{view}")} · {say("title")}')
     ui.add_head_html(f'<link rel="stylesheet" href="/static/host.css?{asset}">')
     ui.add_body_html(f'<noscript>{html.escape(say("frame.script"))}</noscript>')
@@ -182,12 +184,12 @@ def frame(viewer: Viewer, layout: str) -> Iterator[None]:
         with ui.element('div').classes('lost').props('role=alert'):
             text('span', say('frame.lost'))
             field('b', 'lost', '', '')
-        main = ui.element('main').props('id=content tabindex=-1')
-        main.props['data-layout'] = layout
-        main.props['data-live'] = urlencode(
+        content = ui.element('div').classes('content').props('id=content tabindex=-1')
+        content.props['data-layout'] = layout
+        content.props['data-live'] = urlencode(
             {'view': view, 'language': viewer.language, 'pair': viewer.pair, 'span': viewer.span}
         )
-        with main:
+        with content:
             text('h1', say(f'view.{view}'), 'hidden')
             yield
 

@@ -112,7 +112,7 @@ def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
     return {
         'range': distance(newest.range),
         'std': f'{number(newest.range_std, 2, 1e3)} mm',
-        'velocity': f'{number(newest.velocity, 3, sign=True)} m/s',
+        'velocity': f'{number(newest.velocity, 3, sign=True)} m/s' if math.isfinite(newest.velocity) else NONE,
         'protection': _protection(newest.protection_level, newest.integrity_risk, language),
         'mode': flags.mode(newest.mode, language),
         'rate': f'{number(pair.rate(store.clock()), 0)} {phrase("unit.per-second", language)}',

@@ -35,7 +35,7 @@ class RecordingsView:
                 if viewer.may_change:
                     proposed = time.strftime('%Y%m%dT%H%M%S')
                     self._name = ui.input(say('rec.name'), value=proposed).props('dense outlined')
-                    ui.button(say('rec.start'), on_click=self._start).props('no-caps icon=none')
+                    ui.button(say('rec.start'), on_click=self._start).props('no-caps')
                     ui.button(say('rec.stop'), on_click=self._stop).props('no-caps outline')
             self._disk = text('p', '', 'quiet')
             text('p', f'{say("rec.directory")}: {viewer.host.recordings.directory}', 'quiet')

@@ -10,6 +10,7 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.sweep import SweepSettings
 
+from ..state.readings import decimated
 from ..state.store import Store
 from ..words import flags
 from ..words.numbers import NONE, number
@@ -18,6 +19,7 @@ from .charts import Colours, axis_chart, colours
 from .frame import Viewer, chart, field, section, table, text
 
 _FLOOR, _TOP = -110.0, 0.0  # of the spectra [dBFS]
+_DARK, _BRIGHT = -100.0, -40.0  # of the waterfalls [dBFS]
 _WATERFALL = 256  # frequencies
 _ROWS = 120
 _AGE = 1.0  # of a spectrum that is still shown [s]
@@ -122,7 +124,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
             frequencies = spectrum.start_frequency + spectrum.frequency_step * np.arange(len(spectrum.magnitude))
             magnitude = np.maximum(spectrum.magnitude, _FLOOR)
             data = np.column_stack([np.round(frequencies * 1e-3, 2), np.round(magnitude, 1)])
-            levels = (magnitude[: len(magnitude) // 2 * 2].reshape(-1, 2).max(axis=1) - _FLOOR) / (_TOP - _FLOOR)
+            levels = (decimated(magnitude, _WATERFALL)[0] - _DARK) / (_BRIGHT - _DARK)
             rows[f'waterfall.{station}'] = np.clip(levels * 255.0, 0, 255).astype(np.uint8)
             texts[f'waterfall.{station}.end'] = f'{frequencies[-1] * 1e-3:.0f} kHz'
         if line is not None and math.isfinite(line.frequency):

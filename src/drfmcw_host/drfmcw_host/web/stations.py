@@ -76,7 +76,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
 
 def _latency(value: float) -> str:
     """Return a clock difference; a simulated site counts its own time, which may be far off."""
-    return f'{number(value, 1, 1e3, sign=True)} ms' if abs(value) < 100.0 else span(abs(value))
+    return f'{number(value, 1, 1e3, sign=True)} ms' if abs(value) < 10.0 else f'{"+" if value > 0 else "−"}{span(abs(value))}'
 
 
 def _health(store: Store, station: Station, language: str) -> tuple[dict[str, str], str]:

@@ -58,7 +58,7 @@ PHRASES: dict[str, tuple[str, str]] = {
     'now.failed': ('Failed tests: {tests}', 'Nicht bestandene Prüfungen: {tests}'),
     'mode.SHORT_DISTANCE': ('short distance', 'kurze Entfernung'),
     'mode.LONG_DISTANCE': ('long distance', 'große Entfernung'),
-    'unit.per-second': ('/s', '/s'),
+    'unit.per-second': ('1/s', '1/s'),
     # --- flags of a range ---
     'flag.unknown': ('unknown ({bits})', 'unbekannt ({bits})'),
     'range.WEAK_SIGNAL': ('Weak signal: the range may be that of noise', 'Schwaches Signal: die Entfernung kann aus '
@@ -170,7 +170,6 @@ PHRASES: dict[str, tuple[str, str]] = {
     'diagnosis.findings': ('Findings', 'Befunde'),
     'diagnosis.no-findings': ('No finding is kept in {directory}.', 'In {directory} liegt kein Befund.'),
     'diagnosis.open': ('Open report', 'Bericht öffnen'),
-    'diagnosis.close': ('Close', 'Schließen'),
     'diagnosis.verdict': ('Verdict', 'Urteil'),
     'diagnosis.effects': ('Effects', 'Effekte'),
     'diagnosis.next': ('What would decide', 'Was entscheiden würde'),
