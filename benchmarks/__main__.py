@@ -11,6 +11,7 @@ from accuracy import bench_accuracy
 from estimation import bench_estimation
 from figures import Figure, number
 from graph import bench_graph
+from host import bench_host
 from rich.console import Console
 from rich.table import Table
 from simulation import bench_simulation
@@ -22,6 +23,7 @@ BENCHMARKS = {
     'estimation': bench_estimation,
     'accuracy': bench_accuracy,
     'graph': bench_graph,
+    'host': bench_host,
 }
 _REPORT = 'report'
 

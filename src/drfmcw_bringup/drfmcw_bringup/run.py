@@ -136,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--estimator', choices=_ESTIMATOR.choices, help=_ESTIMATOR.description)
     parser.add_argument(
-        '--parameters', type=Path, metavar='FILE', help="ROS parameter file of stations and fusion, as the host saves it"
+        '--parameters', type=Path, metavar='FILE', help='ROS parameter file of all nodes, as the host saves it'
     )
     arguments = parser.parse_args(argv)
 

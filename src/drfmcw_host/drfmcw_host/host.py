@@ -220,7 +220,7 @@ def parser() -> Parser:
     options.add_argument('--name', action='append', default=[], help='further host name to answer to (repeatable)')
     options.add_argument('--state', type=Path, metavar='DIR', help='passwords, secret, audit log, parameter files')
     options.add_argument('--recordings', type=Path, metavar='DIR', help='recordings (STATE/recordings)')
-    options.add_argument('--findings', type=Path, metavar='DIR', help="of `watch --findings` (STATE/findings)")
+    options.add_argument('--findings', type=Path, metavar='DIR', help='of `watch --findings` (STATE/findings)')
     options.add_argument('--read-only', action='store_true', help='nobody can log in or change anything')
     options.add_argument('--tls-cert', type=Path, metavar='FILE', help='serve by TLS with this certificate (PEM)')
     options.add_argument('--tls-key', type=Path, metavar='FILE', help='and this key (PEM)')

@@ -68,11 +68,14 @@ class _Sampled:
     subscription: Subscription
     message_type: type
     take: Callable[[list[Any], list[int]], None]
+    depth: int
     always: bool  # also without a message
 
-    def poll(self, depth: int) -> None:
-        messages, received = [], []
-        while len(messages) < depth:
+    def poll(self) -> None:
+        """Take what has arrived since the last time, at most what the middleware kept."""
+        messages: list[Any] = []
+        received: list[int] = []
+        while len(messages) < self.depth:
             taken = self.subscription.handle.take_message(self.message_type, False)
             if taken is None:
                 break
@@ -100,7 +103,7 @@ class HostNode(Node):
             'host_sampler', use_global_arguments=False, enable_rosout=False, start_parameter_services=False
         )
         self._sampled: dict[str, _Sampled] = {}
-        self._spectra: dict[str, _Sampled] = {}
+        self._shown: set[str] = set()  # stations whose signals a browser shows
         self._stations: set[str] = set()
         self._pairs: set[str] = set()
         self._orders: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
@@ -131,10 +134,9 @@ class HostNode(Node):
 
     def _sample(
         self, topic: str, kind: type, take: Callable[[list[Any], list[int]], None], depth: int, always: bool = False
-    ) -> _Sampled:
+    ) -> None:
         created = self._sampler.create_subscription(kind, topic, lambda _: None, newest(depth))
-        self._sampled[topic] = _Sampled(created, kind, take, always)
-        return self._sampled[topic]
+        self._sampled[topic] = _Sampled(created, kind, take, depth, always)
 
     def _listen_to_site(self, topic: str, kind: type, field: str) -> None:
         def take(message: Any) -> None:
@@ -168,34 +170,31 @@ class HostNode(Node):
         if name in self._stations or self.store.station(name) is None:
             return
         self._stations.add(name)
-        qos.subscription(
-            self, SweepConfig, f'/{name}/sweep_config', lambda m: self._take_settings(name, m), _latched()
-        )
+        qos.subscription(self, SweepConfig, f'/{name}/sweep_config', lambda m: self._take_settings(name, m), _latched())
         qos.subscription(
             self, StationCalibration, f'/{name}/calibration', lambda m: self._take_calibration(name, m), _latched()
         )
         qos.subscription(self, StationStatus, f'/{name}/status', lambda m: self._take_status(name, m), qos.RELIABLE)
-        self._sample(f'/{name}/beat_frequency', BeatFrequency, lambda m, _: self._take_lines(name, m), 8)
 
     def _tick(self) -> None:
         """Take in the newest of everything, and do what the pages asked for."""
         while not self._orders.empty():
             self._orders.get()()
-        self._follow_spectra()
+        self._follow_signals()
         for sampled in list(self._sampled.values()):
-            sampled.poll(400)
+            sampled.poll()
 
-    def _follow_spectra(self) -> None:
-        """Subscribe to spectra while a browser shows them, and only then."""
-        if self.store.spectra_wanted:
-            for name in self._stations - set(self._spectra):
-                topic = f'/{name}/if_spectrum'
-                self._spectra[name] = self._sample(topic, IfSpectrum, self._spectrum_taker(name), 4)
-        elif self._spectra:
-            for name, sampled in self._spectra.items():
-                del self._sampled[f'/{name}/if_spectrum']
-                self._sampler.destroy_subscription(sampled.subscription)
-            self._spectra.clear()
+    def _follow_signals(self) -> None:
+        """Subscribe to spectra and beat frequencies while a browser shows them, and only then."""
+        if self.store.signals_wanted:
+            for name in self._stations - self._shown:
+                self._shown.add(name)
+                self._sample(f'/{name}/if_spectrum', IfSpectrum, self._spectrum_taker(name), 4)
+                self._sample(f'/{name}/beat_frequency', BeatFrequency, self._line_taker(name), 8)
+        elif self._shown:
+            for topic in [f'/{name}/{last}' for name in self._shown for last in ('if_spectrum', 'beat_frequency')]:
+                self._sampler.destroy_subscription(self._sampled.pop(topic).subscription)
+            self._shown.clear()
 
     def _take_ranges(self, name: str, messages: list[Any], received: list[int]) -> None:
         readings = [
@@ -209,7 +208,6 @@ class HostNode(Node):
                 m.range_std,
                 m.velocity,
                 m.protection_level,
-                m.integrity_risk,
             )
             for m in messages
         ]
@@ -223,14 +221,15 @@ class HostNode(Node):
         """Return the peer that a message names where it is a station of this graph, which no hostile text is."""
         return message.peer if message.peer in self._stations and message.station == station else None
 
-    def _take_lines(self, name: str, messages: list[Any]) -> None:
-        now = self.store.clock()
-        with self.store.lock:
-            station = self.store.stations[name]
-            for m in messages:
-                if (peer := self._peer(name, m)) is not None:
-                    station.lines[peer] = Line(m.sweep_id, m.flags, m.frequency, m.frequency_std, m.power, m.snr)
-                    station.lines_received[peer] = now
+    def _line_taker(self, name: str) -> Callable[[list[Any], list[int]], None]:
+        def take(messages: list[Any], received: list[int]) -> None:
+            with self.store.lock:
+                lines = self.store.stations[name].lines
+                for m in messages:
+                    if (peer := self._peer(name, m)) is not None:
+                        lines[peer] = Line(m.sweep_id, m.flags, m.frequency, m.frequency_std, m.power, m.snr)
+
+        return take
 
     def _spectrum_taker(self, name: str) -> Callable[[list[Any], list[int]], None]:
         def take(messages: list[Any], received: list[int]) -> None:
@@ -280,13 +279,13 @@ class HostNode(Node):
         for s in array.status:
             values = tuple((v.key[:_TEXT], v.value[:_TEXT]) for v in list(s.values)[:100])
             level = int.from_bytes(s.level, 'little') if isinstance(s.level, bytes) else int(s.level)
-            texts = (text[:_TEXT] for text in (s.name, s.message, s.hardware_id))
-            self.store.add_diagnostic(Diagnostic(level, *texts, values, now))
+            name, message, hardware = (text[:_TEXT] for text in (s.name, s.message, s.hardware_id))
+            self.store.add_diagnostic(Diagnostic(level, name, message, hardware, values, now))
 
     def _diagnose(self, status: Status) -> None:
         status.value('pairs', len(self._pairs))
         status.value('stations', len(self._stations))
-        status.value('spectra sampled', bool(self._spectra))
+        status.value('stations whose signals are shown', len(self._shown))
 
     def destroy_node(self) -> None:
         """End the pages first."""
@@ -298,4 +297,3 @@ class HostNode(Node):
 
 def _latched() -> QoSProfile:
     return qos.latched_subscription(_PEERS)
-

@@ -14,7 +14,7 @@ SECOND = 1_000_000_000
 
 
 def reading(sweep_id=1, stamp=0, distance=100.0, flags=0):
-    return RangeReading(sweep_id, stamp, 0, flags, 0, distance, 0.001, 0.0, 0.01, 1e-7)
+    return RangeReading(sweep_id, stamp, 0, flags, 0, distance, 0.001, 0.0, 0.01)
 
 
 @pytest.mark.parametrize('span', WINDOWS)

@@ -19,7 +19,6 @@ class RangeReading:
     range_std: float  # [m]
     velocity: float  # [m/s]
     protection_level: float  # [m]
-    integrity_risk: float  # [1]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -68,7 +68,6 @@ class Station:
     calibration_stamp: int = 0  # [ns]
     settings: dict[str, SweepSettings] = dataclasses.field(default_factory=dict)
     lines: dict[str, Line] = dataclasses.field(default_factory=dict)
-    lines_received: dict[str, float] = dataclasses.field(default_factory=dict)
     spectra: dict[str, SpectrumReading] = dataclasses.field(default_factory=dict)
     spectra_received: dict[str, float] = dataclasses.field(default_factory=dict)
 
@@ -86,7 +85,7 @@ class Store:
         self.diagnostics: dict[tuple[str, str], Diagnostic] = {}
         self.latency = math.nan  # of the newest clock difference: host time minus stamp of the newest range [s]
         self._references: collections.deque[tuple[int, float, str]] = collections.deque(maxlen=_READINGS)
-        self._spectra_wanted = -math.inf
+        self._signals_wanted = -math.inf
 
     def pair(self, name: str) -> Pair | None:
         """Return the pair 'first/second', made where it is new; None where there are too many."""
@@ -100,14 +99,14 @@ class Store:
             self.stations[name] = Station()
         return self.stations.get(name)
 
-    def want_spectra(self) -> None:
-        """Ask for spectra for the next two seconds: a browser shows them."""
-        self._spectra_wanted = self.clock()
+    def want_signals(self) -> None:
+        """Ask for spectra and lines for the next two seconds: a browser shows them."""
+        self._signals_wanted = self.clock()
 
     @property
-    def spectra_wanted(self) -> bool:
-        """Whether any browser shows spectra."""
-        return self.clock() - self._spectra_wanted < 2.0
+    def signals_wanted(self) -> bool:
+        """Whether any browser shows spectra and lines."""
+        return self.clock() - self._signals_wanted < 2.0
 
     def add_ranges(self, name: str, readings: Sequence[RangeReading], received: Sequence[int]) -> None:
         """Take a pair's ranges in order of arrival; `received` is when each one did [ns]."""
@@ -128,9 +127,7 @@ class Store:
                 pair.histories['std'].add(times, np.array([r.range_std for r in readings]))
                 self.latency = (received[-1] - readings[-1].stamp) * 1e-9
                 if self._references:
-                    pair.pending.extend(
-                        (now, int(t), r.stamp, r.range) for t, r in zip(times, readings, strict=True)
-                    )
+                    pair.pending.extend((now, int(t), r.stamp, r.range) for t, r in zip(times, readings, strict=True))
             if pair.newest is not None:
                 pair.histories['rate'].add(np.array([time.time_ns()]), np.array([pair.rate(now)]))
             self._compare(name, pair, now)
@@ -165,6 +162,13 @@ class Store:
         """Return whether the pair's newest range is no longer current: older than 0.25 s and than is usual here."""
         usual = statistics.median(pair.gaps) if pair.gaps else 0.0
         return self.age(pair) > max(STALE_AFTER, _SLOW * usual)
+
+    def chosen(self, name: str) -> str:
+        """Return the pair to show: of that name, else the first that is current, else the first; '' for none."""
+        if name in self.pairs:
+            return name
+        names = sorted(self.pairs)
+        return next((n for n in names if not self.is_stale(self.pairs[n])), names[0] if names else '')
 
     def add_diagnostic(self, found: Diagnostic) -> None:
         """Take one line of /diagnostics."""

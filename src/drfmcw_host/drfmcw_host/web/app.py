@@ -130,5 +130,3 @@ def _files(host: Host) -> fastapi.APIRouter:
         return FileResponse(path, media_type=kinds[file], headers=framed)
 
     return router
-
-

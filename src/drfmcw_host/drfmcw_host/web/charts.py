@@ -1,4 +1,4 @@
-"""Options that all charts share: colours that colour-blind people tell apart, axes, fonts."""
+"""Options that all charts share: colours that differ for colour-blind people too, axes, fonts."""
 
 import dataclasses
 from typing import Any
@@ -27,7 +27,11 @@ def axis_chart(palette: Colours, time_axis: bool = False) -> dict[str, Any]:
     """Return the options of a line chart without series."""
     label = {'color': palette.text, 'fontSize': 13, 'hideOverlap': True}
     rule = {'lineStyle': {'color': palette.grid}}
-    horizontal: dict[str, Any] = {'type': 'time' if time_axis else 'value', 'axisLabel': label, 'splitLine': {'show': False}}
+    horizontal: dict[str, Any] = {
+        'type': 'time' if time_axis else 'value',
+        'axisLabel': label,
+        'splitLine': {'show': False},
+    }
     return {
         'animation': False,
         'grid': {'left': 8, 'right': 18, 'top': 16, 'bottom': 8, 'containLabel': True},

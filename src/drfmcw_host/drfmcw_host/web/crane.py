@@ -37,11 +37,13 @@ def picture() -> str:
     sleepers = ''.join(f'<path class="sleeper" d="M{x} 150v5"/>' for x in range(LEFT - 20, RIGHT + 30, 14))
     return f"""<svg viewBox="0 0 {WIDTH} {HEIGHT}" class="crane" aria-hidden="true" focusable="false">
 <path class="rail" d="M{LEFT - 24} 149H{RIGHT + 28}"/>{sleepers}{''.join(marks)}
-<g class="mast"><path d="M{LEFT - 16} 148V58M{LEFT - 26} 148h20"/><path class="dish" d="M{LEFT - 16} 52q14 12 0 24z"/></g>
+<g class="mast"><path d="M{LEFT - 16} 148V58M{LEFT - 26} 148h20"/>
+<path class="dish" d="M{LEFT - 16} 52q14 12 0 24z"/></g>
 <path class="beam" data-field="beam" d="M{LEFT} 64H{LEFT}"/>
 <g data-field="crane" class="gantry" transform="translate({LEFT} 0)">
 <path class="steel" d="M-2 30H58V40H-2zM4 40V140M52 40V140M4 72L52 104M52 72L4 104"/>
 <path class="cab" d="M30 40h16v14H30z"/><path class="rope" d="M17 40v52"/><path class="load" d="M8 92h18v14H8z"/>
 <path class="bogie" d="M-4 140h16v4H-4zM44 140h16v4H44z"/>
-<circle cx="0" cy="145" r="4"/><circle cx="8" cy="145" r="4"/><circle cx="48" cy="145" r="4"/><circle cx="56" cy="145" r="4"/>
+<circle cx="0" cy="145" r="4"/><circle cx="8" cy="145" r="4"/>
+<circle cx="48" cy="145" r="4"/><circle cx="56" cy="145" r="4"/>
 <path class="dish" d="M0 52q-14 12 0 24z"/></g></svg>"""

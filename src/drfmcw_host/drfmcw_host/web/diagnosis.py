@@ -38,7 +38,8 @@ def _finding(viewer: Viewer, finding: Finding) -> None:
             text('span', when, 'quiet')
         for effect in finding.effects:
             text('p', effect)
-        text('p', f'{say("diagnosis.significance")}: {finding.significance:.2g}', 'quiet')
+        chance = f'{finding.significance:.2g}' if finding.significance > 0.0 else '< 1e-300'
+        text('p', f'{say("diagnosis.significance")}: {chance}', 'quiet')
         if finding.next_measurement:
             text('p', f'{say("diagnosis.next")}: {finding.next_measurement}')
         if finding.report:

@@ -100,7 +100,7 @@ def viewer_of(host: Host, request: Request, view: str) -> Viewer:
         language if language in LANGUAGES else 'en',
         'dark' if cookies.get(THEME) == 'dark' else 'light',
         view,
-        query.get('pair', '')[:200],
+        host.store.chosen(query.get('pair', '')),
         int(span) if span.isdecimal() and int(span) in WINDOWS else WINDOWS[1],
     )
 

@@ -108,7 +108,8 @@ def _form(host: Host, request: Request, problem: str, status: int = 200, **value
         f'<!doctype html><html lang="{viewer.language}"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<title>{say("frame.login")}</title><link rel="stylesheet" href="/static/host.css?{host.asset}"></head>'
-        f'<body><div class="page login {viewer.theme}"><main class="content card"><h1>{say("frame.login")}</h1>{content}'
+        f'<body><div class="page login {viewer.theme}"><main class="content card">'
+        f'<h1>{say("frame.login")}</h1>{content}'
         f'<p><a href="{html.escape(back)}">{say("login.back")}</a></p></main></div></body></html>'
     )
     return HTMLResponse(page, status)

@@ -12,7 +12,7 @@ from ..words import flags
 from ..words.numbers import NONE, distance, number, span
 from ..words.phrases import phrase
 from . import crane
-from .frame import Viewer, field, link, section, text
+from .frame import Viewer, field, link, text
 
 _VALUES = ('std', 'velocity', 'protection', 'mode', 'rate', 'error')
 _RAIL_TIME = 600  # of ranges that the rail has to show [s]
@@ -25,7 +25,7 @@ def build(viewer: Viewer) -> None:
     if not names:
         text('p', say('now.none'), 'empty')
         return
-    name = viewer.pair if viewer.pair in names else names[0]
+    name = viewer.pair
     with ui.element('section').classes('card hero') as hero:
         hero.props['data-field'] = 'hero'
         with ui.element('div').classes('line'):
@@ -79,8 +79,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
         states[f'{name}.card'] = states[f'{name}.fresh'] = values['state']
     if not names:
         return {}
-    chosen = options.pair if options.pair in store.pairs else names[0]
-    pair = store.pairs[chosen]
+    pair = store.pairs[store.chosen(options.pair)]
     values = described(store, pair, options.language)
     state = values.pop('state')
     texts |= {f'hero.{key}': content for key, content in values.items()}
@@ -113,7 +112,7 @@ def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
         'range': distance(newest.range),
         'std': f'{number(newest.range_std, 2, 1e3)} mm',
         'velocity': f'{number(newest.velocity, 3, sign=True)} m/s' if math.isfinite(newest.velocity) else NONE,
-        'protection': _protection(newest.protection_level, newest.integrity_risk, language),
+        'protection': _protection(newest.protection_level, language),
         'mode': flags.mode(newest.mode, language),
         'rate': f'{number(pair.rate(store.clock()), 0)} {phrase("unit.per-second", language)}',
         'error': f'{number(pair.error, 2, 1e3, sign=True)} mm' if math.isfinite(pair.error) else NONE,
@@ -124,10 +123,10 @@ def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
     }
 
 
-def _protection(level: float, risk: float, language: str) -> str:
+def _protection(level: float, language: str) -> str:
     if math.isinf(level):
         return phrase('now.refused', language)
-    return f'{number(level, 1, 1e3)} mm ({risk:.0e})' if math.isfinite(level) else NONE
+    return f'{number(level, 1, 1e3)} mm' if math.isfinite(level) else NONE
 
 
 def _rail(pair: Pair, language: str) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
@@ -138,7 +137,10 @@ def _rail(pair: Pair, language: str) -> tuple[dict[str, dict[str, str]], dict[st
     x = crane.position(newest, length)
     texts = {f'tick.{i}': f'{length * i / crane.TICKS:g} m' for i in range(crane.TICKS + 1)}
     texts['rail.title'] = phrase('now.rail', language).format(length=f'{length:g}')
-    moved = {'crane': {'transform': f'translate({x:.1f} 0)'}, 'beam': {'d': f'M{crane.LEFT} 64H{max(x - 8, crane.LEFT):.1f}'}}
+    moved = {
+        'crane': {'transform': f'translate({x:.1f} 0)'},
+        'beam': {'d': f'M{crane.LEFT} 64H{max(x - 8, crane.LEFT):.1f}'},
+    }
     return moved, texts
 
 

@@ -21,7 +21,7 @@ def build(viewer: Viewer) -> None:
     """Add the view."""
     say, store = viewer.say, viewer.host.store
     names = sorted(store.pairs)
-    chosen = viewer.pair if viewer.pair in names else names[0] if names else ''
+    chosen = viewer.pair
     with ui.element('div').classes('line choices'):
         with ui.element('nav') as spans:
             spans.props['aria-label'] = say('time.span')
@@ -62,12 +62,15 @@ def _options(viewer: Viewer, index: int) -> dict[str, Any]:
 
 def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
     """Return the four charts."""
-    names = sorted(store.pairs)
-    if not names or not whole:
+    if not store.pairs or not whole:
         return {}
-    pair = store.pairs[options.pair if options.pair in store.pairs else names[0]]
+    pair = store.pairs[store.chosen(options.pair)]
     now = time.time_ns()
-    return {'chart': {series: _curves(pair.histories[series].curve(options.span, now), series, options, now) for series in SERIES}}
+    return {
+        'chart': {
+            series: _curves(pair.histories[series].curve(options.span, now), series, options, now) for series in SERIES
+        }
+    }
 
 
 def _curves(curve: Curve, series: str, options: Any, now: int) -> dict[str, Any]:

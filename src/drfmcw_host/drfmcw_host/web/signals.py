@@ -27,8 +27,8 @@ _AGE = 1.0  # of a spectrum that is still shown [s]
 
 def build(viewer: Viewer) -> None:
     """Add the view."""
-    say, store = viewer.say, viewer.host.store
-    pair = _chosen(store, viewer.pair)
+    say = viewer.say
+    pair = viewer.pair
     stations = pair.split('/') if pair else []
     palette = colours(viewer.theme)
     with section(f'{say("signals.spectra")} [dBFS]'):
@@ -86,13 +86,8 @@ def _options(viewer: Viewer, palette: Colours) -> dict[str, Any]:
     return options
 
 
-def _chosen(store: Store, name: str) -> str:
-    """Return the pair to show: the one asked for, else the first, '' where there is none."""
-    return name if name in store.pairs else next(iter(sorted(store.pairs)), '')
-
-
 def guard_bands(settings: SweepSettings) -> list[tuple[float, float]]:
-    """Return the bands [Hz] near 0 and half the sampling rate in which a line is flagged (docs/sensors_and_flags.md)."""
+    """Return the bands [Hz] near 0 and Nyquist in which a line is flagged: docs/sensors_and_flags.md."""
     width = (EstimatorSettings().guard_bins + 2) / settings.ramp_duration
     half = settings.sample_rate / 2.0
     return [(0.0, width), (half - width, half)]
@@ -107,13 +102,14 @@ def expected_power(own: SweepSettings, peer: SweepSettings, distance: float) -> 
 
 def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
     """Return spectra, rows of the waterfalls and the table of powers; asks for spectra while somebody looks."""
-    store.want_spectra()
-    pair = _chosen(store, options.pair)
+    store.want_signals()
+    pair = store.chosen(options.pair)
     if not pair or not whole:
         return {}
     first, second = pair.split('/')
     ways = {first: second, second: first}
-    series, rows, texts, budget, shown = [], {}, {}, [], False
+    series: list[dict[str, Any]] = []
+    rows, texts, budget, shown = {}, {}, [], False
     for station, peer in ways.items():
         known = store.stations[station]
         spectrum, line, settings = known.spectra.get(peer), known.lines.get(peer), known.settings.get(peer)

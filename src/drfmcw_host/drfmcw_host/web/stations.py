@@ -76,7 +76,9 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
 
 def _latency(value: float) -> str:
     """Return a clock difference; a simulated site counts its own time, which may be far off."""
-    return f'{number(value, 1, 1e3, sign=True)} ms' if abs(value) < 10.0 else f'{"+" if value > 0 else "−"}{span(abs(value))}'
+    if abs(value) < 10.0:
+        return f'{number(value, 1, 1e3, sign=True)} ms'
+    return ('+' if value > 0 else '−') + span(abs(value))
 
 
 def _health(store: Store, station: Station, language: str) -> tuple[dict[str, str], str]:
@@ -112,7 +114,8 @@ def _calibration(station: Station, language: str) -> dict[str, str]:
 def _settings(station: Station, language: str) -> str:
     """Return one sentence per peer."""
     return '; '.join(
-        f'→ {peer}: {flags.mode(s.mode, language)}, {s.start_frequency * 1e-6:.6g} MHz + {s.bandwidth * 1e-6:.6g} MHz / '
-        f'{s.ramp_duration * 1e3:.6g} ms, T_off {s.start_delay * 1e6:.4g} µs, {s.sample_count} / {s.sample_rate * 1e-6:.6g} MHz'
+        f'→ {peer}: {flags.mode(s.mode, language)}, {s.start_frequency * 1e-6:.6g} MHz + {s.bandwidth * 1e-6:.6g} MHz '
+        f'/ {s.ramp_duration * 1e3:.6g} ms, T_off {s.start_delay * 1e6:.4g} µs, '
+        f'{s.sample_count} / {s.sample_rate * 1e-6:.6g} MHz'
         for peer, s in sorted(station.settings.items())
     )

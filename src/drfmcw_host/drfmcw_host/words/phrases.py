@@ -19,19 +19,25 @@ PHRASES: dict[str, tuple[str, str]] = {
     'frame.login': ('Log in', 'Anmelden'),
     'frame.logout': ('Log out', 'Abmelden'),
     'frame.read-only': ('read-only', 'nur lesen'),
-    'frame.lost': ('No connection to the host: nothing on this page is current', 'Keine Verbindung zum Leitstand: '
-                   'nichts auf dieser Seite ist aktuell'),
+    'frame.lost': (
+        'No connection to the host: nothing on this page is current',
+        'Keine Verbindung zum Leitstand: nichts auf dieser Seite ist aktuell',
+    ),
     'frame.script': ('This page needs JavaScript.', 'Diese Seite benötigt JavaScript.'),
     # --- login ---
     'login.user': ('User', 'Benutzer'),
     'login.password': ('Password', 'Passwort'),
     'login.wrong': ('User or password is wrong.', 'Benutzer oder Passwort ist falsch.'),
     'login.wait': ('Too many attempts; try again in {seconds} s.', 'Zu viele Versuche; in {seconds} s wieder möglich.'),
-    'login.off': ('This host is read-only: nobody can log in. To allow it, run: ./drfmcw host --set-password USER',
-                  'Dieser Leitstand ist nur zum Lesen: niemand kann sich anmelden. Zum Freigeben: '
-                  './drfmcw host --set-password BENUTZER'),
-    'login.forced': ('This host was started with --read-only: nobody can log in.',
-                     'Dieser Leitstand wurde mit --read-only gestartet: niemand kann sich anmelden.'),
+    'login.off': (
+        'This host is read-only: nobody can log in. To allow it, run: ./drfmcw host --set-password USER',
+        'Dieser Leitstand ist nur zum Lesen: niemand kann sich anmelden. Zum Freigeben: '
+        './drfmcw host --set-password BENUTZER',
+    ),
+    'login.forced': (
+        'This host was started with --read-only: nobody can log in.',
+        'Dieser Leitstand wurde mit --read-only gestartet: niemand kann sich anmelden.',
+    ),
     'login.needed': ('Log in to change anything.', 'Zum Ändern bitte anmelden.'),
     'login.back': ('Back to the page', 'Zurück zur Seite'),
     # --- now ---
@@ -43,8 +49,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'now.rate': ('Update rate', 'Messrate'),
     'now.error': ('Error against the reference', 'Abweichung von der Referenz'),
     'now.pairs': ('Pairs', 'Paare'),
-    'now.none': ('No pair of stations yet. Ranges appear here as soon as a fusion node publishes them.',
-                 'Noch kein Stationspaar. Entfernungen erscheinen hier, sobald ein Fusionsknoten sie veröffentlicht.'),
+    'now.none': (
+        'No pair of stations yet. Ranges appear here as soon as a fusion node publishes them.',
+        'Noch kein Stationspaar. Entfernungen erscheinen hier, sobald ein Fusionsknoten sie veröffentlicht.',
+    ),
     'now.rail': ('Crane on its rail, {length} m shown', 'Kran auf seiner Schiene, {length} m gezeigt'),
     'now.waiting': ('waiting for the first range', 'wartet auf die erste Entfernung'),
     'now.stale': ('STALE: no range for {age}', 'VERALTET: seit {age} keine Entfernung'),
@@ -61,21 +69,35 @@ PHRASES: dict[str, tuple[str, str]] = {
     'unit.per-second': ('1/s', '1/s'),
     # --- flags of a range ---
     'flag.unknown': ('unknown ({bits})', 'unbekannt ({bits})'),
-    'range.WEAK_SIGNAL': ('Weak signal: the range may be that of noise', 'Schwaches Signal: die Entfernung kann aus '
-                          'Rauschen stammen'),
-    'range.MODE_MISMATCH': ("The stations' settings differ: the range is meaningless",
-                            'Die Einstellungen der Stationen weichen ab: die Entfernung ist bedeutungslos'),
-    'range.STALE_CALIBRATION': ('No calibration, or the board is far from its temperature: calibrate',
-                                'Keine Kalibrierung, oder weit von deren Temperatur entfernt: kalibrieren'),
-    'range.STALE_ENVIRONMENT': ('Weather missing or old: use with a margin of 0.3 mm per m',
-                                'Wetterdaten fehlen oder sind alt: 0,3 mm pro m Reserve einrechnen'),
+    'range.WEAK_SIGNAL': (
+        'Weak signal: the range may be that of noise',
+        'Schwaches Signal: die Entfernung kann aus Rauschen stammen',
+    ),
+    'range.MODE_MISMATCH': (
+        "The stations' settings differ: the range is meaningless",
+        'Die Einstellungen der Stationen weichen ab: die Entfernung ist bedeutungslos',
+    ),
+    'range.STALE_CALIBRATION': (
+        'No calibration, or the board is far from its temperature: calibrate',
+        'Keine Kalibrierung, oder weit von deren Temperatur entfernt: kalibrieren',
+    ),
+    'range.STALE_ENVIRONMENT': (
+        'Weather missing or old: use with a margin of 0.3 mm per m',
+        'Wetterdaten fehlen oder sind alt: 0,3 mm pro m Reserve einrechnen',
+    ),
     'range.OUT_OF_LIMITS': ('Outside the configured limits', 'Außerhalb der eingestellten Grenzen'),
-    'range.SIGNAL_QUALITY': ('Poor signal of a station: may be off by more than its standard deviation',
-                             'Schlechtes Signal einer Station: der Fehler kann die Standardabweichung übersteigen'),
-    'range.UNKNOWN_VELOCITY': ('Velocity not known yet: too long by 39 mm per m/s of a receding crane',
-                               'Geschwindigkeit noch unbekannt: 39 mm zu lang je m/s eines sich entfernenden Krans'),
-    'range.MODEL_MISMATCH': ('An integrity test failed: use with a margin of the protection level',
-                             'Eine Integritätsprüfung schlug fehl: das Schutzniveau als Reserve einrechnen'),
+    'range.SIGNAL_QUALITY': (
+        'Poor signal of a station: may be off by more than its standard deviation',
+        'Schlechtes Signal einer Station: der Fehler kann die Standardabweichung übersteigen',
+    ),
+    'range.UNKNOWN_VELOCITY': (
+        'Velocity not known yet: too long by 39 mm per m/s of a receding crane',
+        'Geschwindigkeit noch unbekannt: 39 mm zu lang je m/s eines sich entfernenden Krans',
+    ),
+    'range.MODEL_MISMATCH': (
+        'An integrity test failed: use with a margin of the protection level',
+        'Eine Integritätsprüfung schlug fehl: das Schutzniveau als Reserve einrechnen',
+    ),
     # --- flags of a line ---
     'line.WEAK_SIGNAL': ('weak', 'schwach'),
     'line.CLIPPED': ('clipped', 'übersteuert'),
@@ -128,8 +150,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'signals.snr': ('SNR', 'SNR'),
     'signals.beat': ('Beat frequency', 'Schwebungsfrequenz'),
     'signals.flags': ('Doubts', 'Zweifel'),
-    'signals.none': ('No spectra: the station nodes publish them with parameter spectrum = true.',
-                     'Keine Spektren: die Stationsknoten veröffentlichen sie mit Parameter spectrum = true.'),
+    'signals.none': (
+        'No spectra: the station nodes publish them with parameter spectrum = true.',
+        'Keine Spektren: die Stationsknoten veröffentlichen sie mit Parameter spectrum = true.',
+    ),
     # --- stations ---
     'stations.health': ('Health', 'Zustand'),
     'stations.temperature': ('Board temperature', 'Platinentemperatur'),
@@ -139,8 +163,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'stations.loss': ('Sweeps without result', 'Sweeps ohne Ergebnis'),
     'stations.link': ('Link quality', 'Verbindungsqualität'),
     'stations.clock': ('Clock difference to nominal', 'Taktabweichung vom Nennwert'),
-    'stations.latency': ('Host clock minus stamp of the newest range', 'Uhr des Leitstands minus Zeitstempel der '
-                         'neuesten Entfernung'),
+    'stations.latency': (
+        'Host clock minus stamp of the newest range',
+        'Uhr des Leitstands minus Zeitstempel der neuesten Entfernung',
+    ),
     'stations.calibration': ('Calibration in use', 'Verwendete Kalibrierung'),
     'stations.calibrated': ('Age', 'Alter'),
     'stations.alpha': ('Reference clock', 'Referenztakt'),
@@ -165,8 +191,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'level.3': ('Stale', 'Veraltet'),
     # --- diagnosis ---
     'diagnosis.watch': ('What the live diagnosis says', 'Was die laufende Diagnose meldet'),
-    'diagnosis.no-watch': ('No live diagnosis runs. Start it with: ./drfmcw watch --pair FIRST/SECOND --findings DIR',
-                           'Es läuft keine Diagnose. Start: ./drfmcw watch --pair ERSTE/ZWEITE --findings ORDNER'),
+    'diagnosis.no-watch': (
+        'No live diagnosis runs. Start it with: ./drfmcw watch --pair FIRST/SECOND --findings DIR',
+        'Es läuft keine Diagnose. Start: ./drfmcw watch --pair ERSTE/ZWEITE --findings ORDNER',
+    ),
     'diagnosis.findings': ('Findings', 'Befunde'),
     'diagnosis.no-findings': ('No finding is kept in {directory}.', 'In {directory} liegt kein Befund.'),
     'diagnosis.open': ('Open report', 'Bericht öffnen'),
@@ -205,8 +233,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'config.result': ('Result', 'Ergebnis'),
     'config.accepted': ('taken', 'übernommen'),
     'config.save': ('Save as parameter file', 'Als Parameterdatei speichern'),
-    'config.saved': ('Saved as {path}; load it with: ./drfmcw run --parameters {path}',
-                     'Gespeichert als {path}; laden mit: ./drfmcw run --parameters {path}'),
+    'config.saved': (
+        'Saved as {path}; load it with: ./drfmcw run --parameters {path}',
+        'Gespeichert als {path}; laden mit: ./drfmcw run --parameters {path}',
+    ),
     'config.file': ('File name', 'Dateiname'),
     # --- recordings ---
     'rec.start': ('Start recording', 'Aufzeichnung starten'),
@@ -222,8 +252,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'rec.replay': ('Recompute', 'Neu berechnen'),
     'rec.diagnose': ('Diagnose', 'Diagnostizieren'),
     'rec.delete': ('Delete', 'Löschen'),
-    'rec.sure': ('Delete the recording {name} and its results for good?', 'Die Aufzeichnung {name} und ihre '
-                 'Ergebnisse endgültig löschen?'),
+    'rec.sure': (
+        'Delete the recording {name} and its results for good?',
+        'Die Aufzeichnung {name} und ihre Ergebnisse endgültig löschen?',
+    ),
     'rec.cancel': ('Cancel', 'Abbrechen'),
     'rec.disk': ('Disk: {free} free of {total}', 'Datenträger: {free} von {total} frei'),
     'rec.directory': ('Directory', 'Verzeichnis'),
