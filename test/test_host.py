@@ -36,6 +36,7 @@ pytestmark = [
 ]
 
 LIMIT = 40.0  # for anything that is waited for, on a busy machine [s]
+expect.set_options(timeout=LIMIT * 1000)
 USER, PASSWORD = 'anna', 'correct horse battery'
 HOSTILE = '<img src=x onerror="window.hacked=1">{{ constructor }}<script>window.hacked=1</script>'
 STANDING = {'standing': {'distances': [100.0], 'sweeps': 1_000_000}}
@@ -136,7 +137,7 @@ def site(tmp_path_factory):
 
 def fresh(page: Page) -> None:
     """Wait until the page shows a current range."""
-    expect(page.locator('[data-field="hero"]')).not_to_have_attribute('data-state', 'stale', timeout=LIMIT * 1000)
+    expect(page.locator('[data-field="hero"]')).not_to_have_attribute('data-state', 'stale')
     page.wait_for_function('() => document.querySelector(\'[data-field="hero.range"]\').dataset.sweep')
 
 

@@ -26,6 +26,7 @@ class Session:
     user: str
     number: str  # random, names the login
     begun: float  # wall clock [s]
+    fingerprint: str  # of the password hash at login
 
 
 class Sessions:
@@ -43,8 +44,7 @@ class Sessions:
 
     def begin(self, user: str) -> str:
         """Return the cookie of a new session."""
-        session = Session(user, secrets.token_urlsafe(16), time.time())
-        return self._serializer.dumps([user, session.number, session.begun, self._fingerprint(user)])
+        return self._serializer.dumps([user, secrets.token_urlsafe(16), time.time(), self._fingerprint(user)])
 
     def of(self, cookie: str | None) -> Session | None:
         """Return the session that a cookie stands for, None where it stands for none (any more)."""
@@ -54,13 +54,15 @@ class Sessions:
             user, number, begun, fingerprint = self._serializer.loads(cookie, max_age=LIFETIME)
         except (BadData, ValueError, TypeError):
             return None
-        session = Session(user, number, begun)
-        current = self._fingerprint(user)
-        return session if self.lives(session) and current and fingerprint == current else None
+        session = Session(user, number, begun, fingerprint)
+        return session if self.lives(session) else None
 
     def lives(self, session: Session) -> bool:
-        """Return whether a session has neither been ended nor become too old."""
-        return session.number not in self._ended and time.time() - session.begun < LIFETIME
+        """Return whether a session has neither been ended nor become too old, and the password is still the same."""
+        if session.number in self._ended or time.time() - session.begun >= LIFETIME:
+            return False
+        current = self._fingerprint(session.user)
+        return bool(current) and session.fingerprint == current
 
     def end(self, session: Session) -> None:
         """End a session: its cookie is worth nothing from here on."""

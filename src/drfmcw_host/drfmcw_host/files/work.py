@@ -1,5 +1,6 @@
 """The project's own commands as processes: recording, recomputing and diagnosing."""
 
+import ctypes
 import dataclasses
 import os
 import signal
@@ -22,6 +23,8 @@ PLOT, REPORT = 'ranges.png', 'report.html'
 _AT_ONCE = 2  # jobs beside the recorder
 _KEPT = 10  # jobs that have ended
 _STOP_LIMIT = 20.0  # [s]
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
+_LIBRARY = ctypes.CDLL(None)
 
 
 @dataclasses.dataclass
@@ -33,6 +36,7 @@ class Job:
     process: subprocess.Popen[bytes]
     log: Path
     begun: float  # wall clock [s]
+    asked_to_end: float | None = None  # monotonic [s]
 
     @property
     def running(self) -> bool:
@@ -74,11 +78,11 @@ class Work:
         self.recorder = self._start('record', name, [RECORD, str(path)], 0)
 
     def stop_recording(self) -> str:
-        """End the recording in order; return its name, '' where none was running."""
+        """Ask the recorder to end in order; return the recording's name, '' where none was running."""
         job = self.recording
         if job is None:
             return ''
-        _stop(job)
+        self.cancel(job)
         return job.name
 
     def replay(self, name: str) -> None:
@@ -117,9 +121,13 @@ class Work:
             raise ConfigurationError(f"'{name}' is in use")
 
     def cancel(self, job: Job) -> None:
-        """Stop a job that runs."""
-        if job.running:
-            _stop(job)
+        """Ask a job to end; one that has been asked for 20 s is killed."""
+        now = time.monotonic()
+        if job.asked_to_end is not None and now - job.asked_to_end > _STOP_LIMIT:
+            job.process.kill()
+        elif job.running:
+            job.asked_to_end = job.asked_to_end or now
+            job.process.send_signal(signal.SIGINT)
 
     def _start(self, kind: str, name: str, command: Sequence[str], niceness: int = 10) -> Job:
         results = self._recordings.results(checked_name(name))
@@ -132,21 +140,25 @@ class Work:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=lambda: os.nice(niceness) and None,
+                preexec_fn=lambda: _prepare(niceness),
             )
         return Job(kind, name, process, log, time.time())
 
     def close(self) -> None:
-        """Stop everything."""
-        for job in (self.recording, *self.jobs):
-            if job is not None and job.running:
-                _stop(job)
+        """Stop everything; what does not end within 20 s is killed."""
+        running = [job for job in (self.recording, *self.jobs) if job is not None and job.running]
+        for job in running:
+            job.process.send_signal(signal.SIGINT)
+        end = time.monotonic() + _STOP_LIMIT
+        for job in running:
+            try:
+                job.process.wait(max(0.1, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                job.process.kill()
+                job.process.wait()
 
 
-def _stop(job: Job) -> None:
-    job.process.send_signal(signal.SIGINT)
-    try:
-        job.process.wait(_STOP_LIMIT)
-    except subprocess.TimeoutExpired:
-        job.process.kill()
-        job.process.wait()
+def _prepare(niceness: int) -> None:
+    """In the new process: give way to the graph, and end with the host, even where that is killed (Linux)."""
+    os.nice(niceness)
+    _LIBRARY.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)

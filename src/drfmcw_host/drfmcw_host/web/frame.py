@@ -176,7 +176,7 @@ def frame(viewer: Viewer, layout: str) -> Iterator[None]:
     ui.add_head_html(f'<link rel="stylesheet" href="/static/host.css?{asset}">')
     ui.add_body_html(f'<noscript>{html.escape(say("frame.script"))}</noscript>')
     ui.add_body_html(f'<script defer src="/static/live.js?{asset}"></script>')
-    with ui.element('div').classes(f'page {viewer.theme}'):
+    with ui.element('div').classes(f'page {viewer.theme}').props(f'lang={viewer.language}'):
         link(say('frame.skip'), '#content', 'skip')
         with ui.element('header'):
             _navigation(viewer)

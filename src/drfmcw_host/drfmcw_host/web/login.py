@@ -1,5 +1,6 @@
 """Log in and out, and preferences: plain HTTP, no script needed."""
 
+import asyncio
 import html
 from urllib.parse import parse_qs, urlencode
 
@@ -17,6 +18,7 @@ _LONGEST = 10_000  # of the form [bytes]
 def routes(host: Host) -> APIRouter:
     """Return the routes /login, /logout and /preference."""
     router = APIRouter()
+    one_at_a_time = asyncio.Lock()  # so that attempts in parallel do not outrun the count of failures
 
     @router.get('/login')
     def form(request: Request) -> Response:
@@ -24,7 +26,8 @@ def routes(host: Host) -> APIRouter:
 
     @router.post('/login')
     async def login(request: Request) -> Response:
-        return await _login(host, request)
+        async with one_at_a_time:
+            return await _login(host, request)
 
     @router.post('/logout')
     def logout(request: Request) -> Response:
@@ -61,7 +64,7 @@ async def _login(host: Host, request: Request) -> Response:
     if wait:
         host.audit.write(user[:40], address, 'login delayed', seconds=wait)
         return _form(host, request, 'login.wait', 429, seconds=wait)
-    if not host.passwords.verify(user, password):
+    if not await asyncio.to_thread(host.passwords.verify, user, password):
         host.attempts.failed(*keys)
         host.audit.write(user[:40], address, 'login failed')
         return _form(host, request, 'login.wrong', 401)
