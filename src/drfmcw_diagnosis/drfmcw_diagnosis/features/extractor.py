@@ -250,7 +250,8 @@ class Extractor:
         """Return `beat` [Hz] and the combined delay [s] of sweeps, by their lines' frequencies (S, n) [Hz]."""
         if not self.topology.both_heard:
             own = self.topology.heard[0]
-            return lines[0], delay_of_one(self.sweeps[own], lines[0], self.calibrations[own], self.calibrations[-1 - own])
+            calibrated = self.calibrations[own], self.calibrations[-1 - own]
+            return lines[0], delay_of_one(self.sweeps[own], lines[0], *calibrated)
         (first, second), (calibration, other) = self.sweeps, self.calibrations
         delay = delay_on_true_clocks((first, second), (calibration, other), (lines[0], lines[1]))
         return lines[0] + self.sign * lines[1], np.asarray(delay)
