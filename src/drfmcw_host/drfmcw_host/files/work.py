@@ -129,7 +129,7 @@ class Work:
             job.asked_to_end = job.asked_to_end or now
             job.process.send_signal(signal.SIGINT)
 
-    def _start(self, kind: str, name: str, command: Sequence[str], niceness: int = 10) -> Job:
+    def _start(self, kind: str, name: str, command: Sequence[str], niceness: int = 5) -> Job:
         results = self._recordings.results(checked_name(name))
         results.mkdir(parents=True, exist_ok=True)
         log = results / f'{kind}.log'
