@@ -22,6 +22,9 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'simulate', default_value='true', choices=['true', 'false'], description='false: with real stations'
             ),
+            DeclareLaunchArgument(
+                'host', default_value='false', choices=['true', 'false'], description="true: serve the host's page"
+            ),
             OpaqueFunction(function=nodes),
         ]
     )
@@ -46,6 +49,8 @@ def nodes(context):
                 **restarted,
             )
         )
+    if LaunchConfiguration('host').perform(context) == 'true':
+        started.append(Node(package='drfmcw_host', executable='host', **restarted))
     if LaunchConfiguration('simulate').perform(context) == 'true':
         started.append(
             Node(
