@@ -295,7 +295,7 @@ class Heard:
         self.said: list[DiagnosticStatus] = []
 
     def take(self, array: DiagnosticArray) -> None:
-        self.said += [s for s in array.status if s.name == 'watch: Model master/slave']
+        self.said += [s for s in array.status if s.name == '/watch: Model master/slave']
 
     def wait(self, condition, log: Path) -> DiagnosticStatus:
         """Wait until the newest statement is as wanted, and return it."""

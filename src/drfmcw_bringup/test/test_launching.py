@@ -1,0 +1,148 @@
+"""What the launch files decide, and the launch files themselves where `launch` is installed."""
+
+import itertools
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+from checkout import CONFIG, ROOT
+
+from drfmcw_bringup import launching
+from drfmcw_physics.settings import ConfigurationError
+
+FILE = CONFIG / 'hardware' / 'two_stations.yaml'
+
+
+def test_shipped_parameters_give_the_pairs_and_stations():
+    pairs = launching.pairs_in(str(FILE))
+    assert pairs == ['master/slave']
+    assert launching.stations_of(pairs) == ['master', 'slave']
+    assert launching.parameter_files(str(FILE)) == [str(FILE)]
+    assert launching.parameter_files('') == launching.pairs_in('') == []
+    assert launching.stations_of(['a/b', 'a/c', 'd/d']) == ['a', 'b', 'c', 'd']
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        (None, 'No such file'),
+        ('a: [', 'line 1'),
+        ('master: 5', 'no ROS parameter file'),
+        ('/fusion: {ros__parameters: {pairs: master/slave}}', "is no list of 'first/second'"),
+        ('/fusion: {ros__parameters: {pairs: [master]}}', "is no list of 'first/second'"),
+    ],
+)
+def test_wrong_parameter_files_are_refused(tmp_path, text, said):
+    path = tmp_path / 'given.yaml'
+    if text is not None:
+        path.write_text(text, encoding='utf-8')
+    with pytest.raises(ConfigurationError, match=said):
+        launching.parameter_files(str(path)) and launching.pairs_in(str(path))
+
+
+def test_arguments_of_a_station_are_its_parameters():
+    """Those that are empty stay out: the parameter file or the default gives them."""
+    assert set(launching.station_arguments()) >= {'source', 'ip_port', 'peer', 'estimator'}
+    given = {'source': 'tcp', 'ip_port': '9000', 'peer': 'slave', 'estimator': ''}
+    assert launching.station_parameters(given) == {'source': 'tcp', 'ip_port': 9000, 'peer': 'slave'}
+    for name, value, said in (
+        ('ip_port', 'nine', 'ip_port'),
+        ('ip_port', '99999', 'ip_port'),
+        ('source', 'tpc', "'tpc' is not valid"),
+    ):
+        with pytest.raises(ConfigurationError, match=said):
+            launching.station_parameters({name: value})
+
+
+@pytest.mark.parametrize('text', ['fast', '0', '-1', 'nan', 'inf', ''])
+def test_rate_is_a_number_above_zero(text):
+    with pytest.raises(ConfigurationError, match='rate:='):
+        launching.positive('rate', text)
+    assert launching.positive('rate', '2.5') == 2.5
+
+
+def test_aggregator_puts_each_diagnosis_into_one_group():
+    content = yaml.safe_load((CONFIG / 'diagnostic_aggregator.yaml').read_text(encoding='utf-8'))
+    groups = [g for g in content['analyzers']['ros__parameters'].values() if isinstance(g, dict)]
+    names = [f'{n}: Task' for n in ('/master/station', '/slave_2/station', '/master/pair_station', '/fusion')]
+    names += [f'{n}: Task' for n in ('/recorder', '/player', '/simulator', '/watch', '/master/slave/watch')]
+    for name in names:
+        assert sum(any(part in name for part in group['contains']) for group in groups) == 1, name
+    nodes = set()
+    for module in ROOT.glob('src/*/drfmcw_*/**/*.py'):
+        nodes |= set(re.findall(r"super\(\).__init__\('(\w+)'", module.read_text(encoding='utf-8')))
+    known = ' '.join(itertools.chain.from_iterable(group['contains'] for group in groups))
+    silent = {'range_monitor', 'sweep_sender'}
+    assert all(f'/{node}: ' in known for node in nodes - silent), nodes
+
+
+# --- the launch files, with the real `launch` ---
+
+LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+arguments = [tuple(word.split(':=', 1)) for word in sys.argv[2:]]
+service = LaunchService(argv=sys.argv[2:])
+source = PythonLaunchDescriptionSource(sys.argv[1])
+service.include_launch_description(LaunchDescription([IncludeLaunchDescription(source, launch_arguments=arguments)]))
+sys.exit(service.run())
+"""
+
+
+def launched(file, *arguments, until=None, limit=90.0):
+    """(status, output) of `ros2 launch`; SIGINT ends it once the output matches `until`."""
+    pytest.importorskip('launch_ros')
+    path = ROOT / 'src' / 'drfmcw_bringup' / 'launch' / file
+    command = [sys.executable, '-u', '-c', LAUNCH, str(path), *arguments]
+    environment = os.environ | {'ROS_DOMAIN_ID': '94', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    said = ''
+    with subprocess.Popen(
+        command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        end = time.monotonic() + limit
+        for line in process.stdout:
+            said += line
+            if (until and re.search(until, said)) or time.monotonic() > end:
+                process.send_signal(signal.SIGINT)
+                until = None
+        return process.wait(limit), said
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('file', 'arguments', 'said'),
+    [
+        ('crane.launch.py', ['simulate:=yes'], "Valid options are: ['true', 'false']"),
+        ('crane.launch.py', ['rate:=fast'], 'give a number above zero'),
+        ('crane.launch.py', ['scenario:=cran'], "did you mean 'crane'"),
+        ('crane.launch.py', ['simulate:=false', 'parameters:=nowhere.yaml'], 'nowhere.yaml: No such file'),
+        ('station.launch.py', ['station:=master', 'source:=tcp'], 'needs the name of at least one peer'),
+        ('station.launch.py', ['station:=master', 'source:=tpc'], "'tcp', 'udp'"),
+        ('watch.launch.py', ['pair:=master'], 'wrong configuration (status 2)'),
+    ],
+)
+def test_wrong_launches_end_with_the_reason(file, arguments, said):
+    status, text = launched(file, *arguments)
+    assert status == 1 and said in text, text
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('file', 'arguments', 'until'),
+    [
+        ('crane.launch.py', ['scenario:=tdma', 'rate:=2.0'], r'\d+ sweeps of 3 pair'),
+        ('crane.launch.py', ['simulate:=false', f'parameters:={FILE}'], '(?s)127.0.0.1:900[01].*127.0.0.1:900[01]'),
+        ('station.launch.py', ['station:=master', 'source:=tcp', 'ip_port:=9000', 'peer:=slave'], '127.0.0.1:9000'),
+    ],
+)
+def test_right_launches_run_until_they_are_interrupted(file, arguments, until):
+    _, text = launched(file, *arguments, until=until)
+    assert re.search(until, text), text
+    assert 'Traceback' not in text and 'process has died' not in text, text
