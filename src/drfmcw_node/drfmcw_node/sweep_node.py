@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from drfmcw_msgs.msg import BeatFrequency, CompressedIfSamples, IfSamples, IfSpectrum, StationCalibration, SweepConfig
-from rclpy.node import Node
 
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.plausible import printable
@@ -18,6 +17,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
 from drfmcw_ros.messages import check, from_message, to_message
+from drfmcw_ros.operation.managed import ManagedNode
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -35,8 +35,8 @@ _LATCHED_DEPTH = 32  # settings for so many peers
 T = TypeVar('T')
 
 
-class SweepNode(Node):
-    """Shell around a `StationProcessor`; a subclass chooses the topics."""
+class SweepNode(ManagedNode):
+    """Shell around a `StationProcessor`; a subclass chooses the topics in `configure`, after that of this class."""
 
     def __init__(self, name: str, processor: StationProcessor, estimation: type = EstimatorSettings, **kwargs: Any):
         """Declare the parameters that all such nodes share.
@@ -53,6 +53,7 @@ class SweepNode(Node):
         super().__init__(name, **kwargs)
         self.lock = threading.RLock()
         """Held while the processor works: a source delivers in its own thread."""
+        self._new_processor = type(processor)
         self.processor = processor
         """Evaluates the sweeps."""
         self._estimation = SettingsParameters(self, estimation, on_change=self._change_estimation)
@@ -71,6 +72,19 @@ class SweepNode(Node):
         self._snr: collections.deque[float] = collections.deque(maxlen=1000)
         self._reported: dict[str, float] = {}
 
+    def configure(self) -> None:
+        """Begin without topics, as after the constructor."""
+        self._first = qos.FirstTopics(self)
+        self._sweep_subscriptions, self._results = {}, {}
+
+    def cleanup(self) -> None:
+        """Forget all sweeps, settings and calibrations."""
+        with self.lock:
+            self.processor = self._new_processor()
+            self.processor.settings = self._estimation.value
+        self._early = EarlySweeps(self.processor)
+        self._seen, self._last_report = {}, (0, 0)
+
     def _publish_results_of(self, station: str, prefix: str) -> None:
         """Create the publishers of a station's results; `prefix` stands before the topics' last names."""
         self._results[station] = (
@@ -80,7 +94,7 @@ class SweepNode(Node):
 
     def _start_diagnostics(self, hardware_id: str) -> Diagnostics:
         """Start the diagnostics; return them, so that further tasks can be added."""
-        diagnostics = Diagnostics(self, hardware_id)
+        diagnostics = Diagnostics(self, hardware_id, self.state)
         diagnostics.add('Sweeps', self._diagnose_sweeps)
         diagnostics.add('Source', self._diagnose_source)
         diagnostics.add('Inputs', self._diagnose_inputs)
@@ -155,7 +169,9 @@ class SweepNode(Node):
         self._take_sweeps(sweeps)
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
-        """Evaluate the sweeps whose settings are known; the others wait a moment for them."""
+        """Evaluate the sweeps whose settings are known; the others wait a moment for them. Inactive, drop them."""
+        if not self.active:
+            return
         self._process(self._early.release(sweeps, time.monotonic()))
 
     # --- results ---
