@@ -67,7 +67,7 @@ def test_rate_is_a_number_above_zero(text):
 
 
 def test_aggregator_puts_each_diagnosis_into_one_group():
-    content = yaml.safe_load((CONFIG / 'diagnostic_aggregator.yaml').read_text(encoding='utf-8'))
+    content = yaml.safe_load((CONFIG / 'tools' / 'diagnostic_aggregator.yaml').read_text(encoding='utf-8'))
     groups = [g for g in content['analyzers']['ros__parameters'].values() if isinstance(g, dict)]
     names = [f'{n}: Task' for n in ('/master/station', '/slave_2/station', '/master/pair_station', '/fusion')]
     names += [f'{n}: Task' for n in ('/recorder', '/player', '/simulator', '/watch', '/master/slave/watch')]

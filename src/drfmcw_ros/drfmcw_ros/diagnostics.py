@@ -40,7 +40,7 @@ class Diagnostics:
         Args:
             node: owner.
             hardware_id: serial number, or name of the station or pair.
-            state: returns why the node rests by intention ('inactive'), '' where it works; the tasks say only that then.
+            state: returns why the node rests by intention ('inactive'), '' where it works; tasks then say only that.
         """
         self._state = state
         self._node = node
