@@ -106,6 +106,16 @@ def test_colcon_test_runs_the_tests_of_each_package(package):
     assert done.stdout.split() == ['pytest']
 
 
+@pytest.mark.parametrize('path', sorted(ROOT.glob('src/*/package.xml')), ids=lambda path: path.parent.name)
+def test_every_package_has_a_changelog_that_catkin_reads(path):
+    """Title as catkin_generate_changelog writes it; a section for what is not released, or for the version."""
+    text = (path.parent / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    title = f'Changelog for package {path.parent.name}'
+    assert text.startswith(f'{"^" * len(title)}\n{title}\n{"^" * len(title)}\n')
+    version = str(ElementTree.parse(path).findtext('version'))
+    assert re.search(rf'^(Forthcoming|{re.escape(version)} \(.*\))\n-+\n\* ', text, re.MULTILINE)
+
+
 def test_tests_have_names_of_their_own():
     """Two modules of one name cannot be imported in one run."""
     names = [path.name for folder in [ROOT, *PACKAGES] for path in folder.glob('test/*.py')]

@@ -52,6 +52,16 @@ def pairs_in(path: str) -> list[str]:
     return []
 
 
+def has_node(path: str, name: str) -> bool:
+    """Return whether a ROS parameter file has an entry for the node of that name in the root namespace.
+
+    Raises:
+        ConfigurationError: the file cannot be read.
+    """
+    nodes = _nodes_in(path) if path else {}
+    return name in nodes or f'/{name}' in nodes
+
+
 def stations_of(pairs: Sequence[str]) -> list[str]:
     """Return the stations of pairs, each once, in the order in which they are named."""
     return list(dict.fromkeys(name for pair in pairs for name in pair.split('/')))

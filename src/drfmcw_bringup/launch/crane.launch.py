@@ -47,6 +47,8 @@ def nodes(context):
         'output': 'screen',
     }
     started = [Node(package='drfmcw_fusion', executable='fusion', parameters=[{'pairs': pairs}, *files], **restarted)]
+    if launching.has_node(given['parameters'], 'frames'):
+        started.append(Node(package='drfmcw_fusion', executable='frames', parameters=files, **restarted))
     for station in launching.stations_of(pairs):
         own = [{'station': station}, *files]
         started.append(

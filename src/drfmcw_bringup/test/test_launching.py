@@ -1,18 +1,23 @@
 """What the launch files decide, and the launch files themselves where `launch` is installed."""
 
 import itertools
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ElementTree
 
 import pytest
 import yaml
 from checkout import CONFIG, ROOT
+from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, ReferenceRange
 
 from drfmcw_bringup import launching
+from drfmcw_fusion.frames import JOINT
+from drfmcw_fusion.geometry import SiteGeometry
 from drfmcw_physics.settings import ConfigurationError
 
 FILE = CONFIG / 'hardware' / 'two_stations.yaml'
@@ -24,6 +29,8 @@ def test_shipped_parameters_give_the_pairs_and_stations():
     assert launching.stations_of(pairs) == ['master', 'slave']
     assert launching.parameter_files(str(FILE)) == [str(FILE)]
     assert launching.parameter_files('') == launching.pairs_in('') == []
+    assert launching.has_node(str(FILE), 'fusion') and launching.has_node(str(FILE), 'frames')
+    assert not launching.has_node(str(FILE), 'watch') and not launching.has_node('', 'fusion')
     assert launching.stations_of(['a/b', 'a/c', 'd/d']) == ['a', 'b', 'c', 'd']
 
 
@@ -79,6 +86,33 @@ def test_aggregator_puts_each_diagnosis_into_one_group():
     known = ' '.join(itertools.chain.from_iterable(group['contains'] for group in groups))
     silent = {'range_monitor', 'sweep_sender'}
     assert all(f'/{node}: ' in known for node in nodes - silent), nodes
+
+
+def test_foxglove_plots_fields_that_the_messages_have():
+    layout = json.loads((CONFIG / 'tools' / 'foxglove.json').read_text(encoding='utf-8'))
+    types = {'range': RangeEstimate, 'reference': ReferenceRange, 'beat_frequency': BeatFrequency}
+    paths = [path['value'] for panel in layout['configById'].values() for path in panel.get('paths', [])]
+    assert len(paths) >= 8
+    for path in paths:
+        topic, _, field = path.rpartition('.')
+        kind = types['reference' if topic == '/reference/range' else topic.rpartition('/')[2]]
+        assert field in kind.get_fields_and_field_types(), path
+    panels = set(re.findall(r'"(\w+![\w]+)"', json.dumps(layout['layout'])))
+    assert panels == set(layout['configById'])
+
+
+def test_rviz_and_urdf_use_the_frames_and_topics_of_the_frames_node():
+    site = SiteGeometry()
+    rviz = yaml.safe_load((CONFIG / 'tools' / 'crane.rviz').read_text(encoding='utf-8'))['Visualization Manager']
+    assert rviz['Global Options']['Fixed Frame'] == site.rail_frame
+    topics = {display['Topic']['Value'] for display in rviz['Displays'] if 'Topic' in display}
+    assert topics == {f'/{site.pair}/pose', f'/{site.pair}/range_sensor'}
+    urdf = ElementTree.parse(ROOT / 'src' / 'drfmcw_bringup' / 'urdf' / 'crane.urdf.xacro').getroot()
+    defaults = {e.get('name'): e.get('default') for e in urdf.iter('{http://www.ros.org/wiki/xacro}arg')}
+    for name in ('rail_frame', 'crane_frame', *(f'{a}_{b}' for a in ('fixed', 'crane') for b in 'xyz')):
+        assert defaults[name] == str(getattr(site, name)), name
+    assert f'{defaults["fixed_station"]}/{defaults["crane_station"]}' == site.pair
+    assert JOINT in {joint.get('name') for joint in urdf.iter('joint')}
 
 
 # --- the launch files, with the real `launch` ---

@@ -5,7 +5,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from drfmcw_fusion.frames import FramesSettings
 from drfmcw_fusion.fusion import PairSettings
+from drfmcw_fusion.geometry import SiteGeometry
 from drfmcw_fusion.integrity.settings import IntegritySettings
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_node.estimators.estimation import EstimatorSettings
@@ -43,6 +45,7 @@ _NODES: dict[str, list[tuple[str, type]]] = {
         ('integrity.', IntegritySettings),
         ('mode.', ModeSettings),
     ],
+    'frames': [('', FramesSettings), ('', SiteGeometry)],
     'simulator': [('', SimulatorSettings)],
 }
 """Name of a node, and the settings that are its parameters, each with what stands before their names."""

@@ -23,7 +23,7 @@ _NAMES = ('drfmcw_doctor', 'drfmcw_doctor_peer')
 _LIMIT = 15.0  # for two participants to find each other; takes up to 3 s on an idle machine [s]
 _APART = 1.0  # of a stamp and the system clock, beyond which they do not belong together [s]
 _ONE_SOURCE = ('beat_frequency', 'if_samples', 'range', 'status')
-"""Topics on which a second node's messages could not be told from the first one's."""
+"""Topics on which nobody can separate a second node's messages from the first one's."""
 
 
 @contextlib.contextmanager
