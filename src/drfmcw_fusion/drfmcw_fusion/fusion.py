@@ -217,7 +217,8 @@ class FusionNode(ManagedNode):
         if state is None:
             return  # a pair that this node does not fuse
         state.range_publisher.publish(to_message(result, RangeEstimate))
-        state.sensor_publisher.publish(self._sensor_message(result))
+        if state.sensor_publisher.get_subscription_count():
+            state.sensor_publisher.publish(self._sensor_message(result))
         state.newest = result
         state.ranges += 1
         state.flagged += result.flags != Flag.VALID

@@ -182,10 +182,11 @@ class SweepNode(ManagedNode):
             self._evaluate(sweeps)
 
     def _evaluate(self, sweeps: Sequence[Sweep]) -> None:
-        """Publish beat frequencies and, where wanted, spectra of a batch."""
+        """Publish beat frequencies and, where wanted and taken by somebody, spectra of a batch."""
         wanted = self._spectrum.value
         with self.lock:
-            every = wanted.spectrum_decimation if wanted.spectrum else 0
+            taken = any(spectra.get_subscription_count() for _, spectra in self._results.values())
+            every = wanted.spectrum_decimation if wanted.spectrum and taken else 0
             beats, spectra = self.processor.process_with_spectra(sweeps, every)
         self._publish(beats, spectra)
 
