@@ -8,6 +8,8 @@ import os
 
 from setup import stamp
 
+_MOST_WORKERS = 4  # of the tests: many of them start processes of their own
+
 
 def execute(root, module, arguments):
     """Replace this process by `python -m module arguments` in the environment; does not return."""
@@ -17,6 +19,9 @@ def execute(root, module, arguments):
     if module == "pytest":
         environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
         environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        if not arguments:
+            # All tests: each file on one core, so that its tests share what they set up.
+            arguments = ["-n", str(min(os.cpu_count() or 1, _MOST_WORKERS)), "--dist", "loadfile"]
         # Without a path pytest looks for pyproject.toml in the current directory.
         arguments = ["--rootdir", root, "-c", os.path.join(root, "pyproject.toml")] + arguments
         os.chdir(root)

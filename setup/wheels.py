@@ -16,7 +16,9 @@ LOG = os.path.join("log", "setup.log")
 SYSTEM_EXTRAS = {
     "numpy": "numpy", "scipy": "scipy", "matplotlib": "matplotlib", "yaml": "pyyaml", "rich": "rich",
     "rosbags": "rosbags", "soundfile": "soundfile", "dask": "dask", "distributed": "distributed",
-    "pytest": "pytest", "pytest_timeout": "pytest-timeout", "hypothesis": "hypothesis",
+    "nicegui": "nicegui", "argon2": "argon2-cffi", "asyncua": "asyncua", "pymodbus": "pymodbus",
+    "pyvisa": "pyvisa", "pyvisa_py": "pyvisa-py", "pytest": "pytest", "pytest_timeout": "pytest-timeout",
+    "xdist": "pytest-xdist", "hypothesis": "hypothesis", "playwright": "playwright",
 }  # fmt: skip
 COLCON = ("colcon-core", "colcon-ros", "colcon-cmake", "colcon-python-setup-py", "colcon-recursive-crawl",
           "colcon-output", "colcon-package-selection", "colcon-parallel-executor", "colcon-bash",

@@ -1,13 +1,16 @@
 """The processes of a graph: started by name, watched, restarted where they die, stopped cleanly."""
 
+import collections
 import ctypes
 import dataclasses
+import fcntl
 import os
 import random
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -28,10 +31,11 @@ WRONG_CONFIGURATION = 2
 _PR_SET_PDEATHSIG = 1  # of prctl(2)
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
+_reserved: collections.deque[IO] = collections.deque(maxlen=8)  # locks of the newest domains of this process
 
 
 def free_domain_id() -> int:
-    """Return a ROS domain in which nobody on this machine discovers.
+    """Return a ROS domain in which nobody on this machine discovers, and reserve it while its participants start.
 
     Raises:
         ConfigurationError: all are taken.
@@ -41,10 +45,18 @@ def free_domain_id() -> int:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(('', _DISCOVERY_PORT + _DOMAIN_GAIN * domain + 10))
+                _reserved.append(_lock(domain))
                 return domain
             except OSError:
                 continue
     raise ConfigurationError('no ROS domain is free on this machine')
+
+
+def _lock(domain: int) -> IO:
+    """Return a locked file that stands for a domain; raises BlockingIOError where another process has locked it."""
+    file = open(Path(tempfile.gettempdir()) / f'drfmcw-{os.getuid()}-domain-{domain}', 'w')
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
 
 
 def private_environment() -> dict[str, str]:

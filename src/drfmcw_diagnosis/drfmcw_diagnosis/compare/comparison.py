@@ -163,6 +163,20 @@ class Comparison:
         bursting = tuple(e for e in effects if e.bursts)
         return moved + self._vector(self.predict(bursting)) if bursting else moved
 
+    def disturbance(self, effect: Effect) -> float:
+        """Return by how much an effect alone changes the lines within a sweep: rms of log amplitude or phase [rad].
+
+        The largest of all groups and stations, of a change of the level as well.
+        """
+        if effect.distorts or effect.bursts:
+            return np.inf
+        found = []
+        for expected, nominal in zip(self._model.expected((effect,)), self._model.expected(()), strict=True):
+            ramp = expected.features.ramp - nominal.features.ramp
+            level = (expected.features.amplitude - nominal.features.amplitude) * (np.log(10.0) / 20.0)
+            found += [float(np.sqrt(np.mean(ramp**2, axis=-1)).max()), float(np.abs(level).max())]
+        return max(found)
+
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp with `effects` changes from sweep to sweep (G, 2 S, K), see `Predictor`."""
         return self._model.changing(effects)

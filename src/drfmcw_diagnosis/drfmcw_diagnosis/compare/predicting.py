@@ -229,7 +229,7 @@ class Predictor:
 
     def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
         """Return of noisy sweeps the noise in bands [dB of 1 LSB^2 per sample], harmonics, and samples piled up."""
-        features = self.simulated.distorted(part, effects, True)
+        features = self.simulated.distorted(part, effects)
         counts = np.full(len(self.recorded.heard), SIMULATION.distorted)
         pairs = zip(features.power, features.line, strict=True)
         noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])
@@ -247,7 +247,7 @@ class Predictor:
     def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
         """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
         copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
-        features = self.simulated.jittered(part, effects, True, copies)
+        features = self.simulated.jittered(part, effects, True, copies, quiet=True)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
         line = features.line.reshape(copies, count, -1).mean(axis=0)
         spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]

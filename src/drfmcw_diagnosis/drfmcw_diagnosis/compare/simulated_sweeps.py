@@ -40,13 +40,14 @@ class SimulatedSweeps:
         swaying = any(effect.motion is Motion.SWAY for effect in effects)
         added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
         copies = SIMULATION.distorted if distorting or swaying else 4 if added else 2
-        each, moved = self.copies(part, effects, copies, swaying, harmonic=not effects, turns=1.0 if added else 0.5)
+        turns = 1.0 if added else 0.5
+        each, moved = self.copies(part, effects, copies, swaying, not effects, turns)
         features = _mean(each, copies)
         if np.any(moved):
             way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - way)
         if distorting:
-            jittered = self.distorted(part, effects, False)
+            jittered = _mean(self.jittered(part, effects, False, copies), copies)
             features = dataclasses.replace(features, power=jittered.power)
         return features
 
@@ -71,9 +72,15 @@ class SimulatedSweeps:
         return self._features(part, rows, effects, harmonic=harmonic, copies=alike), moved
 
     def jittered(
-        self, part: Part, effects: Sequence[Effect], noise: bool, copies: int, harmonic: bool = False
+        self,
+        part: Part,
+        effects: Sequence[Effect],
+        noise: bool,
+        copies: int,
+        harmonic: bool = False,
+        quiet: bool = False,
     ) -> SweepFeatures:
-        """Return features of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
+        """Return power and lines of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
 
         Harmonics multiply the jitter.
         """
@@ -85,7 +92,7 @@ class SimulatedSweeps:
         for number, heard in enumerate(self._recorded.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
-        return self._features(part, rows, effects, noise, harmonic)
+        return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=False)
 
     def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
         """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
@@ -93,9 +100,9 @@ class SimulatedSweeps:
         samples = synthesise(rows, 0, effects, noise, False)
         return tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
 
-    def distorted(self, part: Part, effects: Sequence[Effect], noise: bool) -> SweepFeatures:
-        """Return mean features of sweeps with the start delays and amplitudes of measured ones."""
-        return _mean(self.jittered(part, effects, noise, SIMULATION.distorted, noise), SIMULATION.distorted)
+    def distorted(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
+        """Return means over noisy sweeps of `jittered`, with harmonics."""
+        return _mean(self.jittered(part, effects, True, SIMULATION.distorted, harmonic=True), SIMULATION.distorted)
 
     def _features(
         self,
@@ -105,12 +112,14 @@ class SimulatedSweeps:
         noise: bool = False,
         harmonic: bool = False,
         copies: int = 1,
+        quiet: bool = False,
+        shape: bool = True,
     ) -> SweepFeatures:
         """Return features of simulated sweeps, only those that are wanted; `copies` as for `synthesise`."""
         samples = synthesise(rows, 0, effects, noise, False, copies)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
         full_scale = rows.stations[self._recorded.heard[0]].full_scale
-        return part.extract(heard, full_scale, rows.refractive_index, harmonic, noise, noisy=False)
+        return part.extract(heard, full_scale, rows.refractive_index, harmonic, quiet, noisy=False, shape=shape)
 
     def _times(self, group: int, count: int) -> np.ndarray:
         """Return times spread over a group's sweeps, from their mean [s] (count,)."""

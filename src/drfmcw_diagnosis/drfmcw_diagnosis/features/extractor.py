@@ -33,7 +33,7 @@ from scipy.ndimage import median_filter
 from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
 from drfmcw_fusion.combination import Station as Share
 from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
-from drfmcw_node.estimators.pair import PairEstimator, SingleEstimator
+from drfmcw_node.estimators.pair import Basebands, PairEstimator, SingleEstimator
 from drfmcw_node.estimators.spectral import window_samples
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -114,6 +114,7 @@ class Extractor:
         harmonic: bool = True,
         quiet: bool = True,
         noisy: bool = True,
+        shape: bool = True,
     ) -> SweepFeatures:
         """Return the features of sweeps.
 
@@ -124,11 +125,13 @@ class Extractor:
             harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
             quiet: compute `quiet`; otherwise it is (n, S, 0).
             noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
+            shape: compute `ramp`, `mean`, `beat`, `amplitude` and `range`; otherwise they are (n, 0), `noisy` or not,
+                and `line` is that of a first round.
         """
         functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
         taken = tuple(f for f, wanted in functions if wanted)
         parts = [
-            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy)
+            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy, shape)
             for i in range(0, len(samples[0]), 64)
         ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
@@ -148,7 +151,7 @@ class Extractor:
             quiet=quiets,
             beat=beat,
             amplitude=amplitude,
-            range=(delay - hardware) * velocity,
+            range=(delay - hardware) * velocity if shape else delay,
             range_std=(std.T * velocity).T,
             carrier=carrier,
             phase_std=phase_std,
@@ -191,15 +194,45 @@ class Extractor:
         full_scale: float,
         taken: Sequence[Callable[..., np.ndarray]],
         noisy: bool,
+        shape: bool,
     ) -> tuple[np.ndarray, ...]:
         """Return the feature arrays of a chunk, those that take single stations' samples last; delays, not ranges."""
         n = len(samples[0])
-        if noisy:
-            estimates, base = self.estimator.with_basebands(samples, full_scale)
-            noise_features = self._noisy(estimates)
+        nothing = np.zeros((n, 0))
+        noise_features = (nothing,) * 3
+        if not shape:
+            power, lines = self.estimator.spectra(samples)
+            ramp = mean = beat = amplitude = delay = nothing
         else:
-            base = self.estimator.basebands(samples)
-            noise_features = (np.zeros((n, 0)),) * 3
+            if noisy:
+                estimates, base = self.estimator.with_basebands(samples, full_scale)
+                noise_features = self._noisy(estimates)
+            else:
+                base = self.estimator.basebands(samples)
+            power, lines = base.power, base.beat
+            ramp, amplitude = self._ramp(base)
+            beat, delay = self._delay(lines)
+            parts = self.topology.parts
+            means = [
+                np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
+                for x, w in zip(samples, self._weights, strict=True)
+            ]
+            mean = np.stack(means, axis=1)
+        stations = self.estimator.stations
+        of_stations = tuple(
+            np.stack(
+                [
+                    take(as_complex(x.astype(np.float32), self.topology.iq), at, w, s.sweep)
+                    for x, at, w, s in zip(samples, lines, self._weights, stations, strict=True)
+                ],
+                axis=1,
+            )
+            for take in taken
+        )
+        return (ramp, np.stack(power, axis=1), lines.T, mean, beat, amplitude, delay, *noise_features, *of_stations)
+
+    def _ramp(self, base: Basebands) -> tuple[np.ndarray, np.ndarray]:
+        """Return `ramp` and `amplitude` of sweeps, see `SweepFeatures`."""
         self.time = base.time[0]
         log = np.log(np.maximum(np.abs(base.lines), 1e-9))
         level = log.mean(axis=-1)
@@ -207,44 +240,21 @@ class Extractor:
         phase = np.unwrap(np.angle(base.lines), axis=-1)
         phase -= phase.mean(axis=-1, keepdims=True)
         phase -= (phase * t).sum(axis=-1, keepdims=True) / (t * t).sum(axis=-1, keepdims=True) * t
-        parts = self.topology.parts
-        means = [
-            np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
-            for x, w in zip(samples, self._weights, strict=True)
-        ]
-        stations = self.estimator.stations
-        of_stations = tuple(
-            np.stack(
-                [
-                    take(as_complex(x.astype(np.float32), self.topology.iq), at, w, s.sweep)
-                    for x, at, w, s in zip(samples, base.beat, self._weights, stations, strict=True)
-                ],
-                axis=1,
-            )
-            for take in taken
-        )
-        if not self.topology.both_heard:
-            phases, beat = phase, base.beat[0]
-            own = self.topology.heard[0]
-            delay = delay_of_one(self.sweeps[own], beat, self.calibrations[own], self.calibrations[-1 - own])
-        else:
+        if self.topology.both_heard:
             one, two = phase[0], self.sign * phase[1]
-            phases = np.array([(one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)])
-            beat = base.beat[0] + self.sign * base.beat[1]
-            (first, second), (calibration, other) = self.sweeps, self.calibrations
-            frequencies = base.beat[0], base.beat[1]
-            delay = np.asarray(delay_on_true_clocks((first, second), (calibration, other), frequencies))
-        return (
-            np.concatenate([log - level[..., None], phases]).swapaxes(0, 1),
-            np.stack(base.power, axis=1),
-            base.beat.T,
-            np.stack(means, axis=1),
-            beat,
-            20.0 / np.log(10.0) * level.T + 20.0 * np.log10(self.topology.amplitude_factor),
-            delay,
-            *noise_features,
-            *of_stations,
-        )
+            phase = np.array([(one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)])
+        ramp = np.concatenate([log - level[..., None], phase]).swapaxes(0, 1)
+        return ramp, 20.0 / np.log(10.0) * level.T + 20.0 * np.log10(self.topology.amplitude_factor)
+
+    def _delay(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return `beat` [Hz] and the combined delay [s] of sweeps, by their lines' frequencies (S, n) [Hz]."""
+        if not self.topology.both_heard:
+            own = self.topology.heard[0]
+            calibrated = self.calibrations[own], self.calibrations[-1 - own]
+            return lines[0], delay_of_one(self.sweeps[own], lines[0], *calibrated)
+        (first, second), (calibration, other) = self.sweeps, self.calibrations
+        delay = delay_on_true_clocks((first, second), (calibration, other), (lines[0], lines[1]))
+        return lines[0] + self.sign * lines[1], np.asarray(delay)
 
     def _noisy(self, estimates: Sequence[Estimates]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return of each sweep the delay's standard deviation [s], the carrier's phase and its own [rad]."""

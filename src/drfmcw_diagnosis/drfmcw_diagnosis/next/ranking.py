@@ -105,7 +105,7 @@ def ranked(
         candidates: measurements to simulate, None for all.
     """
     comparison = fitting.comparison
-    explanations = [chosen, *rivals]
+    chosen, *rivals = explanations = _without_shared([chosen, *rivals])
     recorded = _trusted([_predicted(f, comparison.template) for f in explanations], fitting, chosen)
     alone = [_condensed(recorded[0], r) for r in recorded[1:]]
     count = int(np.clip(FURTHER.predicted / sum(map(_cost, explanations)), 2, FURTHER.distances))
@@ -122,6 +122,19 @@ def ranked(
         gains = [max(_misfit(b) - _misfit(r), 0.0) for r, b in zip(alone, both, strict=True)]
         found.append(NextMeasurement(measurement.sentence, tuple(map(math.sqrt, gains))))
     return tuple(sorted(found, key=lambda m: (-m.decides, -round(m.separation, 3))))
+
+
+def _without_shared(explanations: list[Fitted]) -> list[Fitted]:
+    """Return explanations without the distortions and bursts of all of them, which take long and decide nothing."""
+
+    def acting(fitted: Fitted) -> set[tuple[str, str]]:
+        return {e.key for e in fitted.effects if e.candidate.kind.distorts or e.candidate.kind.bursts}
+
+    shared = set.intersection(*map(acting, explanations))
+    kept = [tuple(e for e in f.effects if e.key not in shared) for f in explanations]
+    if not all(kept):
+        return explanations
+    return [dataclasses.replace(f, effects=effects) for f, effects in zip(explanations, kept, strict=True)]
 
 
 def _cost(fitted: Fitted) -> int:

@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class Fitted:
     misfit: float  # sum of squared whitened residuals
     template: np.ndarray  # what they add, whitened
     evidence: float  # log evidence over no effect at all
+    linearised: 'Linearised | None' = None  # with which it was fitted
 
     @property
     def start(self) -> list[tuple[Candidate, dict[str, float]]]:
@@ -115,6 +116,41 @@ class Freedom:
         return np.einsum('...p,pq,...q->...', along, self._inverse, along)
 
 
+@dataclasses.dataclass(frozen=True)
+class Linearised:
+    """What the distortions and bursts of an explanation add to it, to first order in their own parameters.
+
+    Simulating them takes most of the time of a fit. Beside effects that hardly change the lines they stay as they are.
+    """
+
+    effects: tuple[FittedEffect, ...]  # of the explanation
+    added: np.ndarray  # by those that distort or come and go, whitened (n,)
+    slopes: Mapping[tuple[int, str], np.ndarray]  # of that, by the number among these effects and the parameter's name
+
+    @property
+    def acting(self) -> tuple[FittedEffect, ...]:
+        """Those effects that distort the IF or come and go."""
+        return tuple(e for e in self.effects if _acts(e.candidate))
+
+    def template(self, values: Sequence[dict[str, float]]) -> np.ndarray:
+        """Return what they add with other values of their parameters (n,)."""
+        own = self.acting
+        changes = ((values[i][name] - own[i].values[name]) * slope for (i, name), slope in self.slopes.items())
+        return sum(changes, self.added)
+
+    def holds(self, values: Sequence[dict[str, float]]) -> bool:
+        """Return whether their parameters have hardly changed."""
+        own = self.acting
+        return all(
+            abs(values[i][name] - own[i].values[name]) <= FIT.linear * own[i].stds[name] for i, name in self.slopes
+        )
+
+
+def _acts(candidate: Candidate) -> bool:
+    """Return whether an effect distorts the IF or comes and goes: it acts on what the others make."""
+    return candidate.kind.distorts or candidate.kind.bursts
+
+
 def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
     """Return the effects on which a distortion among `effects` acts, None where there are not both."""
     if not any(e.distorts for e in effects):
@@ -152,6 +188,8 @@ class Fitting:
         steps: int = FIT.steps,
         beside: np.ndarray | float = 0.0,
         freedom: 'Freedom | None' = None,
+        linearised: Linearised | None = None,
+        exact: bool = False,
     ) -> Fitted:
         """Fit the parameters of effects together.
 
@@ -160,21 +198,41 @@ class Fitting:
             steps: at most, of Levenberg and Marquardt's method.
             beside: template of other effects that stay as they are; the result's template contains it.
             freedom: of these others, which may follow to first order; the result's misfit is then that without it.
+            linearised: distortions and bursts of an explanation that differs from `start` by some effects; used where
+                these hardly change the lines.
+            exact: the result's template is that of the full model, to which a linearised one must be near.
         """
+        if linearised is not None and self._is_near(start, linearised):
+            fitted = self._fit(start, steps, beside, freedom, None, linearised)
+            if linearised.holds([e.values for e in fitted.effects if _acts(e.candidate)]):
+                fitted = dataclasses.replace(fitted, linearised=linearised)
+                if not exact:
+                    return fitted
+                template = beside + self._template([e.build() for e in fitted.effects])
+                if self._is_settled(fitted, template):
+                    return self._with_template(fitted, template, freedom)
         for _ in range(FIT.rounds):
             around = _undistorted([c.build(values) for c, values in start])
             fitted = self._fit(start, steps, beside, freedom, around)
             if around is None:
                 return fitted
-            exact = beside + self._template([e.build() for e in fitted.effects])
-            off = float(np.sum(self.whitening(exact - fitted.template) ** 2))
+            template = beside + self._template([e.build() for e in fitted.effects])
             start = fitted.start
-            if off < max(FIT.settled, FIT.settled_share * fitted.misfit):
+            if self._is_settled(fitted, template):
                 break
+        return self._with_template(fitted, template, freedom)
+
+    def _is_settled(self, fitted: Fitted, template: np.ndarray) -> bool:
+        """Return whether the template with which effects were fitted is near that of the full model."""
+        off = float(np.sum(self.whitening(template - fitted.template) ** 2))
+        return off < max(FIT.settled, FIT.settled_share * fitted.misfit)
+
+    def _with_template(self, fitted: Fitted, template: np.ndarray, freedom: 'Freedom | None') -> Fitted:
+        """Return the same effects with their template by the full model."""
         left = freedom.left if freedom is not None else _as_it_is
-        misfit = float(np.sum(left(self.whitening(self.comparison.residual - exact)) ** 2))
+        misfit = float(np.sum(left(self.whitening(self.comparison.residual - template)) ** 2))
         evidence = fitted.evidence + (fitted.misfit - misfit) / 2.0
-        return dataclasses.replace(fitted, template=exact, misfit=misfit, evidence=evidence)
+        return dataclasses.replace(fitted, template=template, misfit=misfit, evidence=evidence)
 
     def _fit(
         self,
@@ -183,8 +241,9 @@ class Fitting:
         beside: np.ndarray | float,
         freedom: 'Freedom | None',
         around: tuple[Effect, ...] | None,
+        linearised: Linearised | None = None,
     ) -> Fitted:
-        """Fit with a distortion that acts on the effects `around`, see `Comparison.template`."""
+        """Fit with a distortion that acts on the effects `around`, see `Comparison.template`, or with a known one."""
         left = freedom.left if freedom is not None else _as_it_is
         chosen = [c for c, _ in start]
         names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
@@ -193,13 +252,17 @@ class Fitting:
         prior = np.array([chosen[i].prior(name) for i, name in names])
         y, groups = self.comparison.residual, self.comparison.entries.group
 
-        def effects_at(p: np.ndarray) -> list[Effect]:
+        def template_at(p: np.ndarray) -> np.ndarray:
             values = [dict(v) for _, v in start]
             for (i, name), value, (low, high) in zip(names, p, limits, strict=True):
                 values[i][name] = float(min(max(value, low), high))
-            return [c.build(v) for c, v in zip(chosen, values, strict=True)]
+            if linearised is None:
+                return beside + self._template([c.build(v) for c, v in zip(chosen, values, strict=True)], around)
+            plain = [c.build(v) for c, v in zip(chosen, values, strict=True) if not _acts(c)]
+            known = linearised.template([v for c, v in zip(chosen, values, strict=True) if _acts(c)])
+            return beside + known + (self._template(plain) if plain else 0.0)
 
-        template = beside + self._template(effects_at(point), around)
+        template = template_at(point)
         whitening = self._whitening_of(chosen, template)
 
         def misfit_of(other: np.ndarray) -> float:
@@ -215,7 +278,7 @@ class Fitting:
                 for k in together:
                     i, name = names[k]
                     moved[k] += self._step(chosen[i], name, point[k])
-                change = beside + self._template(effects_at(moved), around) - template
+                change = template_at(moved) - template
                 for number, k in enumerate(together):
                     own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
                     slope[k] = left(whitening(own / (moved[k] - point[k])))
@@ -226,7 +289,7 @@ class Fitting:
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
                 trial = point + scaled_inverse(matrix) @ gradient
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
-                other = beside + self._template(effects_at(trial), around)
+                other = template_at(trial)
                 value = misfit_of(other)
                 if value < misfit:
                     improved = True
@@ -252,6 +315,38 @@ class Fitting:
             misfit = self.misfit(template)
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
         return Fitted(tuple(fitted), misfit, template, evidence)
+
+    def linearised(self, fitted: Fitted | None, slopes: np.ndarray) -> Linearised | None:
+        """Return the distortions and bursts of an explanation to first order; None where there are none.
+
+        Args:
+            fitted: the explanation.
+            slopes: of its parameters, see `slopes`.
+        """
+        if fitted is None or not any(_acts(e.candidate) for e in fitted.effects):
+            return None
+        others = [e.build() for e in fitted.effects if not _acts(e.candidate)]
+        added = fitted.template - self._template(others) if others else fitted.template
+        acting = [i for i, e in enumerate(fitted.effects) if _acts(e.candidate)]
+        found = {
+            (number, name): slope
+            for number, i in enumerate(acting)
+            for name, slope in zip(fitted.effects[i].candidate.free, slopes[fitted.spans[i]], strict=True)
+        }
+        return Linearised(fitted.effects, added, found)
+
+    def _is_near(self, start: Sequence[tuple[Candidate, dict[str, float]]], linearised: Linearised) -> bool:
+        """Return whether what distorts and bursts is the same, and other effects hardly change the lines."""
+        if [c for c, _ in start if _acts(c)] != [e.candidate for e in linearised.acting]:
+            return False
+        before = [(e.candidate, e.values) for e in linearised.effects]
+        changed = [
+            (candidate, values)
+            for one, other in ((before, start), (start, before))
+            for candidate, values in one
+            if not any(candidate is c for c, _ in other)
+        ]
+        return all(self.comparison.disturbance(c.build(values)) < FIT.still for c, values in changed)
 
     def _moved_together(self, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]) -> list[list[int]]:
         """Return which parameters one simulation moves: those of single groups all at once, the others one by one."""

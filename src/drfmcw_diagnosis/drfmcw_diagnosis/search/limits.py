@@ -31,6 +31,12 @@ class FitLimits:
     settled_share: float = 1e-3
     """The same over the misfit [1], if that is more; chosen."""
 
+    linear: float = 5.0
+    """Standard deviations by which a distortion's parameters may change while its template counts as linear; chosen."""
+
+    still: float = 0.02
+    """Change of a line's log amplitude or phase [1, rad] below which a distortion of it stays as it is; chosen."""
+
     certain: float = 2.0
     """Standard deviations that an effect's size must have, and what makes it this effect; chosen."""
 
@@ -101,6 +107,9 @@ class SearchLimits:
 
     behind: float = 0.2
     """Share of an effect's gain by which a substitute may then be behind; chosen."""
+
+    hopeless: float = 3.0
+    """Multiple of that by which it may be behind while the other effects follow to first order alone; chosen."""
 
     of_a_kind: int = 2
     """Effects of one kind at one station, at most; chosen."""

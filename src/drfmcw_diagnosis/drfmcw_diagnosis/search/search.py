@@ -209,7 +209,7 @@ class Search(Fitting):
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from its present values."""
-        return self.fit(fitted.start, 4)
+        return self.fit(fitted.start, 4, linearised=fitted.linearised, exact=True)
 
     def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
         """Return the gain that an effect may owe to errors of the other effects' forward models, in the worst case."""
@@ -263,7 +263,9 @@ class Search(Fitting):
         """Return explanations with one more effect than `current`, refined, best first."""
         beside = current.template if current else 0.0
         residual = self.comparison.residual - beside
-        freedom = self.freedom(current)
+        slopes = self.slopes(current) if current is not None else np.zeros((0, len(residual)))
+        freedom = Freedom(self.whitening(slopes)) if current is not None else None
+        linearised = self.linearised(current, slopes)
         promising = self._promising(residual, current.effects if current else (), freedom)
         chosen: dict[tuple, list] = {}
         for gain, candidate, values in promising:
@@ -285,7 +287,10 @@ class Search(Fitting):
             return min(at, key=lambda f: f.misfit)
 
         def refined(alone: Fitted) -> Fitted:
-            return self.fit([*base, *alone.start], SEARCH.joint_steps)
+            return self.fit([*base, *alone.start], SEARCH.joint_steps, linearised=linearised)
+
+        def finished(begun: Fitted) -> Fitted:
+            return self.fit(begun.start, linearised=linearised)
 
         self.report('effects that promise something', 0.3)
         enough = self.misfit(beside) - SEARCH.least
@@ -299,11 +304,7 @@ class Search(Fitting):
         margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * (self.misfit(beside) - best))
         near = [f for f in begun if f.misfit - best <= margin]
         far = [f for f in begun if f.misfit - best > margin]
-        return sorted([*self._workers.map(self.finished, near), *far], key=lambda f: -f.evidence)
-
-    def finished(self, begun: Fitted) -> Fitted:
-        """Return an explanation whose fit has begun, fitted to the end."""
-        return self.fit(begun.start)
+        return sorted([*self._workers.map(finished, near), *far], key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
         """Return the probability that noise alone gains as much for any effect at any starting point (Bonferroni).
@@ -314,9 +315,14 @@ class Search(Fitting):
         count = (len(self._places) + len(cells)) * self._places.get(key, cells.get(key[0], 1))
         return float(min(1.0, count * stats.chi2.sf(max(gain, 0.0), max(freedom, 1))))
 
-    def indispensable(self, fitted: Fitted) -> list[bool]:
-        """Return of each effect whether the others can, to first order, by far not explain what it explains."""
-        slopes = self.whitening(self.slopes(fitted))
+    def indispensable(self, fitted: Fitted, slopes: np.ndarray) -> list[bool]:
+        """Return of each effect whether the others can, to first order, by far not explain what it explains.
+
+        Args:
+            fitted: the effects.
+            slopes: of their parameters, see `slopes`.
+        """
+        slopes = self.whitening(slopes)
         found = []
         for number, own in enumerate(fitted.spans):
             added = self.whitening(fitted.template - self._without(fitted, number).template)
@@ -335,18 +341,33 @@ class Search(Fitting):
         """
         found: dict[tuple, Fitted] = {}
         elsewhere: list[Fitted] = []
+        linearised = self.linearised(fitted, self.slopes(fitted))
         for left_out in range(len(fitted.effects)):
             rest = self._without(fitted, left_out)
             base = rest.start
             goal = self.misfit(rest.template) - fitted.misfit
+            margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
+            freedom = self.freedom(rest)
 
-            def refined(point: tuple, base: list = base, goal: float = goal) -> Fitted | None:
-                begun = self.fit([*base, point], SEARCH.first_steps)
-                if begun.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal):
+            def refined(
+                point: tuple,
+                base: list = base,
+                margin: float = margin,
+                rest: Fitted = rest,
+                freedom: Freedom | None = freedom,
+            ) -> Fitted | None:
+                candidate: Candidate = point[0]
+                if not (candidate.kind.distorts or candidate.kind.bursts):  # the others follow to first order
+                    alone = self.fit([point], SEARCH.first_steps, rest.template, freedom)
+                    if alone.misfit - fitted.misfit > SEARCH.hopeless * margin:
+                        return None
+                    point = alone.start[0]
+                begun = self.fit([*base, point], SEARCH.first_steps, linearised=linearised)
+                if begun.misfit - fitted.misfit > margin:
                     return None
-                return self.finished(begun)
+                return self.fit(begun.start, linearised=linearised)
 
-            for other in self._workers.map(refined, self._substitutes(rest, SEARCH.promised * goal)):
+            for other in self._workers.map(refined, self._substitutes(rest, SEARCH.promised * goal, freedom)):
                 if other is None or not self.credible(other, rest.template):
                     continue
                 if other.keys == fitted.keys and other.free == fitted.free:
@@ -362,12 +383,12 @@ class Search(Fitting):
         """Return the squared distance between what two explanations add."""
         return float(np.sum(self.whitening(one.template - other.template) ** 2))
 
-    def _substitutes(self, rest: Fitted, least: float) -> list[tuple[Candidate, dict]]:
+    def _substitutes(self, rest: Fitted, least: float, freedom: Freedom | None) -> list[tuple[Candidate, dict]]:
         """Return starting points of a few kinds of effects that promise a gain of at least `least` beside the rest."""
         residual = self.comparison.residual - rest.template
         found: list[tuple[Candidate, dict]] = []
         tried: dict[tuple, list[np.ndarray]] = {}
-        for gain, candidate, values in self._promising(residual, rest.effects, self.freedom(rest)):
+        for gain, candidate, values in self._promising(residual, rest.effects, freedom):
             if gain < least or len(tried) >= SEARCH.few:
                 break
             there = tried.setdefault(candidate.key, [])

@@ -106,12 +106,13 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
         search.trust(found)
         found = search.again(found)
         chances = []
-        indispensable = search.indispensable(found)
+        slopes = search.slopes(found)
+        indispensable, linearised = search.indispensable(found, slopes), search.linearised(found, slopes)
         for number, effect in enumerate(found.effects):
             if indispensable[number]:
                 continue
             rest = tuple(e for i, e in enumerate(found.effects) if i != number)
-            without = search.again(dataclasses.replace(found, effects=rest))
+            without = search.again(dataclasses.replace(found, effects=rest, linearised=linearised))
             gain = without.misfit - found.misfit - search.imitated(effect, without)
             chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
         chance, without = max(chances, key=lambda item: item[0], default=(0.0, found))

@@ -4,6 +4,10 @@ A real effect predicts what it was not fitted to: its size agrees from distance 
 to kind of number, and fitted without one distance it predicts that distance. An imitation of something unknown
 has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of one kind at one
 station in one group of sweeps.
+
+What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
+So an effect of that kind is also in doubt where it leaves much of the range's error unexplained, and where others of
+that kind, which may nearly cancel it, make it many times less certain than it would be without them.
 """
 
 import dataclasses
@@ -11,8 +15,10 @@ import dataclasses
 import numpy as np
 from scipy import stats
 
+from drfmcw_sim.effects import Effect
+
 from ..compare.algebra import scaled_inverse
-from .fitting import Fitted, Fitting, cells_of, series_of
+from .fitting import Fitted, FittedEffect, Fitting, cells_of, series_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +33,9 @@ class StandingLimits:
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
     probability: float = 1e-4  # chance of the gain in clean cells, at most [1]
     alone: float = 0.98  # share of its power in one group above which no other group can confirm it [1]
+    by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
+    left: float = 0.05  # rest of the range over what an effect that the range alone shows explains of it, at most [1]
+    inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
 LIMITS = StandingLimits()
@@ -41,6 +50,8 @@ class Standing:
     predicted: float
     evidence: float
     probability: float
+    left: float
+    inflated: float
     testable: bool  # more than one group shows it
     gain: float  # misfit that it explains beside the others
 
@@ -54,6 +65,8 @@ class Standing:
             and self.predicted > LIMITS.predicted
             and self.evidence > LIMITS.evidence
             and self.probability < LIMITS.probability
+            and self.left < LIMITS.left
+            and self.inflated < LIMITS.inflated
         )
 
 
@@ -67,14 +80,59 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     converters = _of_uneven_converters(fitting)
     changes = _without_each_group(rest, slopes, groups)[groups]
     moved = np.einsum('np,pn->n', changes, slopes)
+    by_range = [_by_range(fitting, effect) for effect in fitted.effects]
+    inflations = _inflations(fitted, slopes, by_range)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
         added = whitening(fitted.template - (fitting.comparison.template(others) if others else 0.0))
         moved_own = np.einsum('np,pn->n', changes[:, own], slopes[own])
         free = own.stop - own.start
-        found.append(_standing(rest, added, moved, moved_own, groups, kinds, cells, converters, free))
+        standing = _standing(rest, added, moved, moved_own, groups, kinds, cells, converters, free)
+        left = _left_of_range(fitting, fitted, others) if by_range[number] else 0.0
+        found.append(dataclasses.replace(standing, left=left, inflated=inflations[number]))
     return found
+
+
+def _left_of_range(fitting: Fitting, fitted: Fitted, others: list[Effect]) -> float:
+    """Return the rest of the range over what an effect beside `others` explains of it, as measured noise has it."""
+    c = fitting.comparison
+    whitening = fitting.whitening_of(fitted, with_unknown=False)
+    rows = np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == 'range'])
+    rest = whitening(c.residual - fitted.template)[rows]
+    added = whitening(fitted.template - (c.template(others) if others else 0.0))[rows]
+    return float((rest @ rest - np.count_nonzero(rest)) / max(float(added @ added), 1e-30))
+
+
+def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[float]:
+    """Return by how much effects that the range alone shows make each other less certain; 1 for all others.
+
+    Args:
+        fitted: the explanation.
+        slopes: whitened derivatives of its template by its parameters (P, n).
+        alike: whether the range alone shows each effect.
+    """
+    spans = fitted.spans
+    by_range = [i for i, alone in enumerate(alike) if alone]
+    std = np.sqrt(np.diag(scaled_inverse(slopes @ slopes.T)))
+    found = [1.0] * len(spans)
+    for i in by_range:
+        other = {k for j in by_range if j != i for k in range(spans[j].start, spans[j].stop)}
+        kept = [k for k in range(len(slopes)) if k not in other]
+        alone = np.sqrt(np.diag(scaled_inverse(slopes[kept] @ slopes[kept].T)))
+        own = [kept.index(k) for k in range(spans[i].start, spans[i].stop)]
+        found[i] = float(np.max(std[spans[i]] / alone[own], initial=1.0))
+    return found
+
+
+def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
+    """Return whether an effect, alone, shows in the range and in nothing else."""
+    if effect.candidate.kind.distorts or effect.candidate.kind.bursts:
+        return False
+    c = fitting.comparison
+    added = fitting.whitening.weight * c.template([effect.build()])
+    power = sum(float(np.sum(added[c.rows(kind)] ** 2)) for kind in c.kinds if kind.level == 'range')
+    return power > LIMITS.by_range * float(added @ added)
 
 
 def _of_uneven_converters(fitting: Fitting) -> np.ndarray:
@@ -137,6 +195,8 @@ def _standing(
         predicted=float(predicted.sum()) / total,
         evidence=float(gain[clean].sum()) / total,
         probability=float(stats.chi2.sf(max(float(gain[clean].sum()), 0.0), free)),
+        left=0.0,
+        inflated=1.0,
         testable=bool(by_group.max() < LIMITS.alone * by_group.sum()),
         gain=total,
     )

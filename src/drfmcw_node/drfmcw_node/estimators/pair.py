@@ -103,6 +103,22 @@ class BlockEstimator:
         """
         return self._found(samples)[2]
 
+    def spectra(self, samples: Sequence[np.ndarray]) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+        """Return the power and the beat frequencies of few sweeps, see `Basebands`.
+
+        The frequencies are those of a first round, which a line's chirp and mirror line still shift by a part of a bin.
+
+        Args:
+            samples: as for `basebands`.
+        """
+        found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
+        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
+        lines = self._demodulate(found, coarse).line
+        models = self._fit(lines, self._chirp(lines))
+        tones = zip(self.stations, coarse, models.frequency, models.amplitude, strict=True)
+        beat = [self._line(*each)[0] * each[0].sweep.sample_rate / each[0].length for each in tones]
+        return tuple(f.power for f in found), np.array(beat)
+
     def with_basebands(
         self, samples: Sequence[np.ndarray], full_scale: float
     ) -> tuple[tuple[Estimates, ...], Basebands]:
