@@ -135,7 +135,7 @@ def launched(file, *arguments, until=None, limit=90.0):
     pytest.importorskip('launch_ros')
     path = ROOT / 'src' / 'drfmcw_bringup' / 'launch' / file
     command = [sys.executable, '-u', '-c', LAUNCH, str(path), *arguments]
-    environment = os.environ | {'ROS_DOMAIN_ID': '94', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    environment = os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     said = ''
     with subprocess.Popen(
         command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

@@ -57,7 +57,7 @@ def test_wrong_geometry_is_refused(wrong):
 
 @pytest.mark.graph
 def test_node_publishes_pose_and_joint_of_valid_ranges_only():
-    rclpy.init(args=[], domain_id=95)
+    rclpy.init(args=[])
     given = SITE | {'interval': 0.0}
     frames = FramesNode(parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
     other = Node('other')
