@@ -20,7 +20,7 @@ from drfmcw_node.station_settings import (
 )
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.settings import ConfigurationError, check_value, declared_parameters, nearest, read_yaml
+from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters, nearest, read_yaml
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.operation.managed import LifecycleSettings
 from drfmcw_sim.scenario import read_scenario
@@ -89,7 +89,7 @@ def _check_node(subject: str, name: str, values: Any) -> Iterator[Finding]:
             said = f'{name}: not checked, the nodes known here are {", ".join(_NODES)}'
             yield Finding(WARN, subject, said, "check the node's name, as in /master/station")
         return
-    known = {}
+    known: dict[str, tuple[Any, Parameter]] = {}
     for prefix, cls in _NODES[kind]:
         hints = typing.get_type_hints(cls)
         known |= {prefix + n: (hints[n], declared) for n, (_, declared) in declared_parameters(cls).items()}
@@ -101,7 +101,8 @@ def _check_node(subject: str, name: str, values: Any) -> Iterator[Finding]:
             yield Finding(ERROR, subject, said, f'remove or rename it{nearest(parameter, list(known))}')
             continue
         try:
-            check_value(parameter, value, *known[parameter], where=name)
+            hint, declared = known[parameter]
+            check_value(parameter, value, hint, declared, name)
         except ConfigurationError as error:
             yield Finding(ERROR, subject, str(error), 'correct it: the node would refuse to start')
 
