@@ -49,7 +49,7 @@ NO_KEY = {
     'pyvisa',
     'zarr',
 }
-"""Unknown to rosdep or too old in it (docs/dependencies.md); optional, or of the host, which needs the pinned wheels."""
+"""Unknown to rosdep or too old in it (docs/dependencies.md); optional, or of host and gateway (wheels)."""
 NOT_IMPORTED = {'drfmcw_bringup': {'ros2launch'}}
 """What a package needs beside its imports: the command that runs its launch files."""
 NAMED = re.compile(r'(drfmcw_[a-z]+(?=\.\w+)|(drfmcw|std|sensor|diagnostic)_msgs(?=/msg/))[\w./]*$')
@@ -120,6 +120,16 @@ def test_colcon_test_runs_the_tests_of_each_package(package):
     )
     done = subprocess.run([sys.executable, '-c', code], cwd=package, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ['pytest']
+
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('src/*/package.xml')), ids=lambda path: path.parent.name)
+def test_every_package_has_a_changelog_that_catkin_reads(path):
+    """Title as catkin_generate_changelog writes it; a section for what is not released, or for the version."""
+    text = (path.parent / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    title = f'Changelog for package {path.parent.name}'
+    assert text.startswith(f'{"^" * len(title)}\n{title}\n{"^" * len(title)}\n')
+    version = str(ElementTree.parse(path).findtext('version'))
+    assert re.search(rf'^(Forthcoming|{re.escape(version)} \(.*\))\n-+\n\* ', text, re.MULTILINE)
 
 
 def test_tests_have_names_of_their_own():
