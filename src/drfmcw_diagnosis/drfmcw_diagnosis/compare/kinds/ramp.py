@@ -89,8 +89,16 @@ class Flutter(_OfChannels):
         return evidence.by_group(lambda g: _over_neighbours(evidence.ramps[g]))
 
     def predicted(self, expected: Expected) -> np.ndarray:
-        """Return 1: what modulations of random phase add is only known well enough to doubt, see `uncertain`."""
-        return np.ones((len(expected.part.groups), *expected.std[self.name].shape[1:]))
+        """Return 1 and what effects of random phase add beyond the terms around.
+
+        What mirror lines and lines of random phase add is only known well enough to doubt, see `uncertain`.
+        """
+        around = expected.std[self.name][expected.part.groups]
+        result = np.ones(around.shape)
+        if expected.fluttering is not None:
+            added = (expected.fluttering / around)[..., SCATTER.steady :]
+            result[..., SCATTER.steady :] += added - local_noise(added, SCATTER.flutter_median)
+        return np.maximum(result, 0.0)
 
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
         """Return variances as standard normals: of a standing target, where slow changes do not move them."""
@@ -99,6 +107,12 @@ class Flutter(_OfChannels):
         terms = np.arange(values.shape[-1])
         compared = recorded.standing[:, None, None] & (terms >= SCATTER.steady) & recorded.scatters
         return np.where(compared, over, 0.0)
+
+    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
+        """Add to it the doubt about what effects of random phase do, which the template holds."""
+        own = MODEL.own_flutter * np.abs(template)
+        doubt: np.ndarray = np.hypot(super().doubt(explained, template, nonlinear), own)
+        return doubt
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
