@@ -10,6 +10,7 @@ import document
 from accuracy import bench_accuracy
 from estimation import bench_estimation
 from figures import Figure, number
+from gateway import bench_gateway
 from graph import bench_graph
 from rich.console import Console
 from rich.table import Table
@@ -22,6 +23,7 @@ BENCHMARKS = {
     'estimation': bench_estimation,
     'accuracy': bench_accuracy,
     'graph': bench_graph,
+    'gateway': bench_gateway,
 }
 _REPORT = 'report'
 

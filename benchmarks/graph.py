@@ -41,7 +41,7 @@ class Run:
     cpu: dict[str, float]  # process: CPU seconds used in the measured time
 
 
-def _scenario_overrides(rate: float, duration: float) -> tuple[str, ...]:
+def scenario_overrides(rate: float, duration: float) -> tuple[str, ...]:
     """Return changes of the crane scenario: a slow drive of `duration` seconds at `rate` sweep pairs per second."""
     distance = 0.5 * duration + 10.0
     return (
@@ -56,7 +56,12 @@ def _cpu_time(member: Member) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
-def _await_first(graph: Graph, monitor: RangeMonitor) -> None:
+def await_first(graph: Graph, monitor: RangeMonitor) -> None:
+    """Wait for the first range.
+
+    Raises:
+        ConfigurationError: none came, or a process ended.
+    """
     end = time.monotonic() + _START_LIMIT
     while not monitor.total:
         failed = [m for m in graph.tend() if m.process.returncode]
@@ -67,7 +72,7 @@ def _await_first(graph: Graph, monitor: RangeMonitor) -> None:
 
 
 def _measure(graph: Graph, monitor: RangeMonitor, seconds: float, name: str, console: Console) -> Run:
-    _await_first(graph, monitor)
+    await_first(graph, monitor)
     gc.disable()  # of this process, which keeps every range: its pauses are not the graph's
     time.sleep(_WARM_UP)
     begin_time, begin_cpu = time.time_ns(), {n: _cpu_time(m) for n, m in graph.members.items()}
@@ -91,7 +96,8 @@ def _measure(graph: Graph, monitor: RangeMonitor, seconds: float, name: str, con
     )
 
 
-def _start_fusion_and_stations(graph: Graph) -> None:
+def start_fusion_and_stations(graph: Graph) -> None:
+    """Start fusion and both stations."""
     graph.start('fusion', FUSION, '--pair', _PAIR)
     for station in _STATIONS:
         graph.start(f'station {station}', STATION, '--station', station, *parameters({'spectrum': True}))
@@ -108,14 +114,14 @@ def _runs(seconds: float, directory: Path, console: Console) -> Iterator[tuple[s
             Graph(environment, directory / source) as graph,
             monitored([_PAIR], domain, keep=True) as monitor,
         ):
-            _start_fusion_and_stations(graph)
+            start_fusion_and_stations(graph)
             total = seconds + 60.0
             if source == 'simulator':
-                overrides = '[' + ', '.join(f'"{o}"' for o in _scenario_overrides(rate, total)) + ']'
+                overrides = '[' + ', '.join(f'"{o}"' for o in scenario_overrides(rate, total)) + ']'
                 graph.start('simulator', SIMULATOR, *parameters({'scenario': scenario, 'overrides': overrides}))
             else:
                 played = directory / 'played'
-                write_recording(read_scenario(scenario, _scenario_overrides(rate / _SPEED_UP, _RECORDED)), played)
+                write_recording(read_scenario(scenario, scenario_overrides(rate / _SPEED_UP, _RECORDED)), played)
                 graph.start(
                     'player', REPLAY, str(played), '--publish', '--restamp', '--loop', '0', '--rate', str(_SPEED_UP)
                 )

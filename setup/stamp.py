@@ -85,7 +85,7 @@ def _build_inputs(root):
     files = []
     for package in _packages(root):
         files += [os.path.join(package, name) for name in ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt")]
-        files += _list(os.path.join(package, "msg"))
+        files += _list(os.path.join(package, "msg")) + _list(os.path.join(package, "srv"))
     return [file for file in files if os.path.isfile(file)]
 
 

@@ -17,6 +17,7 @@ PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/setup.py'))
 
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
+    'cryptography': 'python3-cryptography',
     'h5py': 'python3-h5py',
     'hypothesis': 'python3-hypothesis',
     'jinja2': 'python3-jinja2',
@@ -32,8 +33,8 @@ ROSDEP_KEYS = {
     'yaml': 'python3-yaml',
 }
 """Python module and its key in rosdep/python.yaml of github.com/ros/rosdistro; a ROS package is its own key."""
-NO_KEY = {'distributed', 'pyarrow', 'zarr'}
-"""Optional, and unknown to rosdep (docs/dependencies.md)."""
+NO_KEY = {'asyncua', 'distributed', 'pyarrow', 'pymodbus', 'pyvisa', 'zarr'}
+"""Optional, and unknown to rosdep or too old in it (docs/dependencies.md)."""
 NOT_IMPORTED = {'drfmcw_bringup': {'ros2launch'}}
 """What a package needs beside its imports: the command that runs its launch files."""
 NAMED = re.compile(r'(drfmcw_[a-z]+(?=\.\w+)|(drfmcw|std|sensor|diagnostic)_msgs(?=/msg/))[\w./]*$')

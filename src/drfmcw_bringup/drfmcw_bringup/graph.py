@@ -21,6 +21,7 @@ from drfmcw_physics.settings import ConfigurationError
 
 SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drfmcw_fusion.fusion'
 PAIR_STATION, RECORDER, REPLAY = 'drfmcw_node.pair_station', 'drfmcw_ros.bag.record', 'drfmcw_fusion.replay'
+GATEWAY, FOLLOWER = 'drfmcw_gateway.gateway', 'drfmcw_gateway.follow_range'
 """Modules that run as processes."""
 
 _STOP_LIMIT = 20.0  # for a clean end after SIGINT; a recorder may have much to write [s]

@@ -27,7 +27,7 @@ from drfmcw_ros.publishers import Publishers
 from drfmcw_ros.runner import run
 
 from .integrity.settings import IntegritySettings
-from .offline import read_weather
+from .offline import read_weather, weather_std
 from .pipeline import Flag, RangeFusion, RangeResult, flag_names
 from .settings import FusionSettings
 
@@ -99,8 +99,8 @@ class FusionNode(Node):
         for pair in self._pair_settings.value.pairs:
             first, second = pair.split('/')
             self._pairs[first, second] = _PairState(
-                qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RELIABLE),
-                qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RELIABLE),
+                qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RANGE),
+                qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RANGE),
             )
         self._requests: dict[tuple[str, str], Any] = {}
         self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
@@ -179,7 +179,7 @@ class FusionNode(Node):
     def _weather(self, topic: str, message: Any) -> None:
         def take() -> None:
             quantity, value = read_weather(topic, message)
-            self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value)
+            self._fusion.add_weather(quantity, stamp_ns(message.header.stamp), value, weather_std(message))
 
         self._take(message, take)
 

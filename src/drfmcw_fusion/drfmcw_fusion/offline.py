@@ -3,7 +3,7 @@
 import collections
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,12 @@ def read_weather(topic: str, message: Any) -> tuple[str, float]:
     return quantity, float(getattr(message, field))
 
 
+def weather_std(message: Any) -> float:
+    """Return the standard deviation that a message of a weather sensor states, in its unit; 0 where it states none."""
+    variance = float(message.variance)
+    return math.sqrt(variance) if 0.0 < variance < math.inf else 0.0
+
+
 def is_weather(topic: str) -> bool:
     """Return True for the topics of the weather sensors."""
     return topic in _WEATHER
@@ -85,6 +91,7 @@ class RecordingReplay:
         estimator: EstimatorSettings | None = None,
         fusion: FusionSettings | None = None,
         stations: list[str] | None = None,
+        calibrations: Sequence[Calibration] = (),
     ) -> None:
         """Check that the recording holds what is needed.
 
@@ -93,6 +100,7 @@ class RecordingReplay:
             estimator: settings of the stations' estimator.
             fusion: settings of the fusion.
             stations: only these; None takes all whose samples are recorded.
+            calibrations: of some stations, used instead of the recorded ones from the beginning.
 
         Raises:
             BagError: no samples, no settings of a station, or a station that is not in the recording.
@@ -101,7 +109,7 @@ class RecordingReplay:
         recorded = [split_station_topic(t)[0] for t in bag.topics if split_station_topic(t)[1] == 'if_samples']
         if not recorded:
             raise BagError(f"{bag.path}: holds no '/<station>/if_samples'; topics: {', '.join(sorted(bag.topics))}")
-        for station in stations or []:
+        for station in [*(stations or []), *(c.station for c in calibrations)]:
             if station not in recorded:
                 raise BagError(f"{bag.path}: unknown station '{station}'{nearest(station, recorded)}")
         self.stations = stations or recorded
@@ -111,12 +119,17 @@ class RecordingReplay:
         estimator = estimator or EstimatorSettings()
         self._fusion = RangeFusion(fusion)
         self._processor = PairProcessor(estimator) if estimator.estimator == 'pair' else StationProcessor(estimator)
-        for name in self.stations:
+        self._calibrated = {c.station for c in calibrations}
+        for calibration in calibrations:
+            for consumer in (self._fusion, self._processor):
+                consumer.add_calibration(dataclasses.replace(calibration, stamp=0))
+        for name in set(self.stations) - self._calibrated:
             if f'/{name}/calibration' not in bag.topics:  # nominal clocks; the ranges are flagged as uncalibrated
                 self._processor.add_calibration(Calibration(name))
         self._pending: list[Sweep] = []
         self._reference: list[tuple[int, float, float, str]] = []
         self._sweeps = 0
+        self._observe: Callable[[Beat, RangeResult | None], None] | None = None
         self._refused: collections.Counter[str] = collections.Counter()  # messages by reason
 
     def _optional(self) -> Iterator[tuple[str, str]]:
@@ -127,8 +140,18 @@ class RecordingReplay:
         yield '/site/humidity', 'the default weather is used'
         yield '/reference/range', 'no error against a reference is known'
 
-    def run(self, progress: Callable[[int], None] | None = None) -> Replay:
-        """Recompute everything; `progress` is called with the number of messages read so far."""
+    def run(
+        self,
+        progress: Callable[[int], None] | None = None,
+        observe: Callable[[Beat, RangeResult | None], None] | None = None,
+    ) -> Replay:
+        """Recompute everything.
+
+        Args:
+            progress: called with the number of messages read so far.
+            observe: called with each station's result, and the range that it completes, None without one.
+        """
+        self._observe = observe
         results: list[RangeResult] = []
         samples = {f'/{name}/if_samples' for name in self.stations}
         # everything is looked up by stamp: first all that sweeps depend on, whenever it was written, then the sweeps
@@ -185,19 +208,20 @@ class RecordingReplay:
         if topic in SITE_TOPICS:
             if is_weather(topic):
                 quantity, value = read_weather(topic, message)
-                self._fusion.add_weather(quantity, stamp, value)
+                self._fusion.add_weather(quantity, stamp, value, weather_std(message))
             else:
                 self._reference.append((stamp, message.range, message.range_std, message.header.frame_id))
         elif name == 'sweep_config':
             sweep = from_message(message, SweepSettings)
             self._fusion.add_sweep_config(sweep)
             self._processor.add_sweep_config(sweep)
-        elif name == 'calibration':
+        elif name == 'calibration' and station not in self._calibrated:
             calibration = from_message(message, Calibration)
             self._fusion.add_calibration(calibration)
             self._processor.add_calibration(calibration)
         elif name == 'status':
-            self._fusion.add_board_temperature(station, stamp, message.temperature)
+            for consumer in (self._fusion, self._processor):
+                consumer.add_board_temperature(station, stamp, message.temperature)
 
     def _process(self) -> Iterator[RangeResult]:
         """Estimate the pending sweeps and yield the ranges of those whose partner is there too."""
@@ -209,6 +233,8 @@ class RecordingReplay:
         """Yield the ranges of beat frequencies whose partner is there too."""
         for beat in sorted(beats, key=lambda b: (b.stamp, b.sweep_id)):
             result = self._fusion.add_beat(beat)
+            if self._observe is not None:
+                self._observe(beat, result)
             if result is not None:
                 yield result
 
@@ -226,7 +252,8 @@ def replay_recording(
     fusion: FusionSettings | None = None,
     stations: list[str] | None = None,
     progress: Callable[[int], None] | None = None,
+    calibrations: Sequence[Calibration] = (),
 ) -> Replay:
     """Recompute all ranges of a recording; arguments and errors as RecordingReplay."""
     with BagReader(path) as bag:
-        return RecordingReplay(bag, estimator, fusion, stations).run(progress)
+        return RecordingReplay(bag, estimator, fusion, stations, calibrations).run(progress)

@@ -14,13 +14,15 @@ from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
-from .combination import PathDelay, Station, combine, own_path
+from .combination import PathDelay, Station, combine, own_path, start_delay_excess
 from .integrity.checks import PASSED, Decision, Verdict
 from .integrity.continuity import Limits, Measured
 from .integrity.monitor import INTEGRITY_RISK, Judgement, PairMonitor
 from .integrity.settings import IntegritySettings
 from .settings import FusionSettings
 from .tracking import STANDING, UNKNOWN, doppler_range_rate
+from .uncertainty import UNKNOWN as UNKNOWN_WEATHER
+from .uncertainty import Weather, contributions, holds_for
 
 _WAITING_LIMIT = 4096  # unpaired results kept per pair of stations
 _FUSED_LIMIT = 4096  # results whose repetition is recognised, per pair of stations
@@ -74,6 +76,15 @@ class RangeResult:
     protection_level: float = math.nan  # bound of the error [m]; infinite where refused
     integrity_risk: float = math.nan  # probability of an error beyond it [1]
     failed_tests: int = 0  # bits of integrity.checks.Test
+    start_delay_excess: float = math.nan  # true T_off over the nominal one, of a pair [s]
+    correlated_std: float = 0.0  # part of range_std that does not average over sweeps; 0: not stated [m]
+
+    @property
+    def white_std(self) -> float:
+        """The part of range_std that averages over sweeps [m]."""
+        if not self.correlated_std:
+            return self.range_std
+        return math.sqrt(max(self.range_std**2 - self.correlated_std**2, 0.0))
 
 
 def flag_names(flags: int) -> list[str]:
@@ -96,7 +107,8 @@ class RangeFusion:
         self._calibrations: dict[str, History[Calibration]] = {}
         self._board_temperatures: dict[str, History[float]] = {}
         self._locks: dict[str, History[bool]] = {}
-        self._weather: dict[str, History[float]] = {k: History() for k in ('temperature', 'pressure', 'humidity')}
+        names = ('temperature', 'pressure', 'humidity')
+        self._weather: dict[str, History[tuple[float, float]]] = {name: History() for name in names}  # reading, std
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._monitors: dict[tuple[str, str], PairMonitor] = {}
         self._fused: dict[tuple[str, str], OrderedDict[tuple[str, int, int], None]] = {}
@@ -146,10 +158,17 @@ class RangeFusion:
         """Take in whether a station's PLL is locked."""
         self._locks.setdefault(station, History()).add(stamp, locked)
 
-    def add_weather(self, quantity: str, stamp: int, value: float) -> None:
-        """Take in a reading of 'temperature' [degC], 'pressure' [Pa] or 'humidity' [0..1]; NaN is ignored."""
+    def add_weather(self, quantity: str, stamp: int, value: float, std: float = 0.0) -> None:
+        """Take in a reading of 'temperature' [degC], 'pressure' [Pa] or 'humidity' [0..1]; NaN is ignored.
+
+        Args:
+            quantity: which of the three.
+            stamp: of the reading [ns].
+            value: the reading.
+            std: its standard deviation, in its unit; 0 where the sensor states none.
+        """
         if math.isfinite(value):
-            self._weather[quantity].add(stamp, value)
+            self._weather[quantity].add(stamp, (value, std))
 
     def sweep_config(self, station: str, peer: str, stamp: int) -> SweepSettings | None:
         """Return the settings that hold at `stamp` [ns], None where none are known."""
@@ -217,8 +236,17 @@ class RangeFusion:
             self.reason = f"no sweep settings of '{beat.station}' for '{beat.peer}'"
             return None
         history = self._calibrations.get(beat.station)
-        calibration = history.at(beat.stamp) if history else None
-        return Station(beat, sweep, calibration[1] if calibration else Calibration(beat.station))
+        found = history.at(beat.stamp) if history else None
+        calibration = found[1] if found else Calibration(beat.station)
+        if calibration.depends_on_temperature:
+            calibration = calibration.at(self._board_temperature(beat.station, beat.stamp))
+        return Station(beat, sweep, calibration)
+
+    def _board_temperature(self, station: str, stamp: int) -> float:
+        """Return a station's board temperature at `stamp`, NaN where none is known [degC]."""
+        history = self._board_temperatures.get(station)
+        found = history.at(stamp) if history else None
+        return found[1] if found else math.nan
 
     def _fuse_own(self, beat: Beat) -> RangeResult | None:
         station = self._station(beat)
@@ -243,7 +271,8 @@ class RangeFusion:
 
     def _result(self, first: Station, second: Station, path: PathDelay, hardware_delay: float) -> RangeResult:
         stamp = first.beat.stamp
-        index, stale_environment = self._refractive_index(stamp)
+        weather, stale_environment = self._weather_at(stamp)
+        index = self._refractive_index(weather)
         velocity_of_light = SPEED_OF_LIGHT / index
         standing_range = (path.delay - hardware_delay) * velocity_of_light
         range_std = path.std * velocity_of_light
@@ -279,6 +308,10 @@ class RangeFusion:
             range_std = math.hypot(range_std, rate * motion.velocity_std)
         if verdict.std > 0.0:
             range_std = math.hypot(range_std, verdict.std)
+        correlated_std = 0.0
+        if first.calibration.states_uncertainty and second.calibration.states_uncertainty:
+            correlated_std = contributions(first, second, path, weather, self.settings.atmosphere).total
+            range_std = math.hypot(range_std, correlated_std)
         uncorrected = path.uncorrected * SPEED_OF_LIGHT
         alpha_correction = (path.delay - path.uncorrected) * SPEED_OF_LIGHT
         delay_correction = -hardware_delay * SPEED_OF_LIGHT
@@ -310,22 +343,30 @@ class RangeFusion:
             protection_level=judged.protection_level(range_std) if not flags & _USELESS else math.inf,
             integrity_risk=INTEGRITY_RISK if not flags & _USELESS else 1.0,
             failed_tests=int(verdict.failed),
+            start_delay_excess=math.nan if first is second else start_delay_excess(first, second, path.delay),
+            correlated_std=correlated_std,
         )
 
-    def _refractive_index(self, stamp: int) -> tuple[float, bool]:
-        """Return (refractive index, whether a reading is missing or too old) at `stamp`."""
+    def _weather_at(self, stamp: int) -> tuple[Weather, bool]:
+        """Return (weather, whether a reading is missing or too old) at `stamp`."""
         s = self.settings
-        if s.atmosphere == 'vacuum':
-            return 1.0, False
         values = {'temperature': s.default_temperature, 'pressure': s.default_pressure, 'humidity': s.default_humidity}
+        values |= {f'{name}_std': std for name, std in UNKNOWN_WEATHER.items()}
+        if s.atmosphere == 'vacuum':
+            return Weather(**values), False
         stale = False
         for quantity, history in self._weather.items():
             found = history.at(stamp)
             if found is None or (stamp - found[0]) * 1e-9 > s.environment_time_limit:
                 stale = True
             if found is not None:
-                values[quantity] = found[1]
-        return _refractive_index(values['temperature'], values['pressure'], values['humidity'], s.atmosphere), stale
+                values[quantity], values[f'{quantity}_std'] = found[1]
+        return Weather(**values), stale
+
+    def _refractive_index(self, weather: Weather) -> float:
+        if self.settings.atmosphere == 'vacuum':
+            return 1.0
+        return _refractive_index(weather.temperature, weather.pressure, weather.humidity, self.settings.atmosphere)
 
     def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
         flags = Flag.VALID
@@ -336,6 +377,10 @@ class RangeFusion:
                 flags |= Flag.SIGNAL_QUALITY
             if self._calibration_is_stale(station, stamp):
                 flags |= Flag.STALE_CALIBRATION
+        if not (
+            holds_for(first.calibration, second.sweep.station) and holds_for(second.calibration, first.sweep.station)
+        ):
+            flags |= Flag.STALE_CALIBRATION
         if first is not second and not _match(first.sweep, second.sweep):
             flags |= Flag.MODE_MISMATCH
         return flags
@@ -343,13 +388,16 @@ class RangeFusion:
     def _calibration_is_stale(self, station: Station, stamp: int) -> bool:
         name = station.sweep.station
         calibrations = self._calibrations.get(name)
-        if calibrations is None or calibrations.at(stamp) is None:
-            return True
-        temperatures = self._board_temperatures.get(name)
-        found = temperatures.at(stamp) if temperatures else None
+        found = calibrations.at(stamp) if calibrations else None
         if found is None:
-            return False
-        return abs(found[1] - station.calibration.temperature) > self.settings.calibration_temperature_limit
+            return True
+        calibration, temperature = found[1], self._board_temperature(name, stamp)
+        if math.isnan(temperature):
+            return calibration.depends_on_temperature  # the curve cannot be used
+        covered = calibration.covers(temperature)
+        if covered is not None:
+            return not covered
+        return abs(temperature - calibration.temperature) > self.settings.calibration_temperature_limit
 
     def _unlocked(self, first: Station, second: Station, stamp: int) -> bool:
         """Return whether a station's newest status before `stamp` says that its PLL is not locked."""

@@ -14,6 +14,7 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping, nearest, read_yaml
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.bag.options import add_damage_option
+from drfmcw_ros.calibration.document import read_document
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.work.progress import Progress
 
@@ -60,6 +61,10 @@ def _parser() -> argparse.ArgumentParser:
     offline.add_argument(
         '--pair', metavar='UP/DOWN', help='two stations that hear themselves, rising and falling ramps of one radar: '
         'combine them to range and velocity',
+    )  # fmt: skip
+    offline.add_argument(
+        '--calibration', action='append', default=[], metavar='FILE',
+        help='calibration document of a station, used instead of the recorded one (repeatable)',
     )  # fmt: skip
     offline.add_argument('--no-alpha', action='store_true', help='take all clocks as nominal (no eq. 19)')
     live = parser.add_argument_group('into the live graph')
@@ -119,7 +124,8 @@ def _offline(arguments: argparse.Namespace) -> int:
     console = Console(stderr=quiet)
     with BagReader(arguments.recording) as bag:
         stations = arguments.pair.split('/') if arguments.pair else arguments.station
-        engine = RecordingReplay(bag, estimator, fusion, stations)
+        calibrations = [read_document(path).calibration() for path in arguments.calibration]
+        engine = RecordingReplay(bag, estimator, fusion, stations, calibrations)
         replay = _with_progress(engine, bag.message_count)
     if arguments.pair:
         combined = up_and_down(replay.results, arguments.pair, engine.doppler_scale(stations[0]))

@@ -216,7 +216,7 @@ def test_implausible_weather_leaves_the_last_plausible_one(fusion):
         before = fusion._refused
         fusion._weather('/site/humidity', message)
     assert fusion._refused == before + 1
-    assert fusion._fusion._weather['humidity'].at(START)[1] == 0.75
+    assert fusion._fusion._weather['humidity'].at(START)[1][0] == 0.75
     status = Status()
     fusion._diagnose_inputs(status)
     assert any('looks like %' in line for line in status.messages)

@@ -35,6 +35,11 @@ class StationSettings:
         choices=('results', 'compressed', 'both'),
         description='results only, or raw sweeps compressed for the radio link, or both',
     )
+    state_directory: str = parameter(
+        '',
+        structural=True,
+        description='where calibrations are stored; empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/drfmcw',
+    )
     codec: str = parameter('flac', choices=CODECS, description='lossless compression of the raw sweeps')
 
     @property

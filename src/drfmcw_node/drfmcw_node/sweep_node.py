@@ -8,7 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from drfmcw_msgs.msg import BeatFrequency, CompressedIfSamples, IfSamples, IfSpectrum, StationCalibration, SweepConfig
+from drfmcw_msgs.msg import (
+    BeatFrequency,
+    CompressedIfSamples,
+    IfSamples,
+    IfSpectrum,
+    StationCalibration,
+    StationStatus,
+    SweepConfig,
+)
 from rclpy.node import Node
 
 from drfmcw_physics.oscillators import Calibration
@@ -17,7 +25,7 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import check, from_message, to_message
+from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -97,6 +105,7 @@ class SweepNode(Node):
         topic = f'{prefix}calibration'
         latched = qos.latched_subscription(_LATCHED_DEPTH)
         self._first.subscription(StationCalibration, topic, self._take_calibration, latched)
+        self._first.subscription(StationStatus, f'{prefix}status', self._take_status, qos.RELIABLE)
 
     def _listen_to_sweeps(self, prefix: str, source: str, gather: float) -> None:
         """Take sweeps from a station's topic: `source` is 'topic' or 'compressed'; `gather` as qos.subscription."""
@@ -125,6 +134,20 @@ class SweepNode(Node):
         if calibration is not None:
             self.processor.add_calibration(calibration)
             self._take_sweeps([])
+
+    def _take_status(self, message: StationStatus) -> None:
+        """Take in a board temperature, on which calibrated clocks may depend."""
+        try:
+            check(message)
+        except ConfigurationError as error:
+            self._refused += 1
+            self._refusal = f'status of {printable(message.station)}: {error}'
+            self.warn(f'refused {self._refusal}')
+            return
+        with self.lock:
+            self.processor.add_board_temperature(
+                message.station, stamp_ns(message.header.stamp), float(message.temperature)
+            )
 
     def converted(self, message: Any, cls: Callable[..., T], topic: str) -> T | None:
         """Return a message as `cls`; None, counted and reported, where it holds values that cannot be."""

@@ -2,16 +2,21 @@
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from drfmcw_msgs.msg import BeatFrequency, StationCalibration, StationStatus, SweepConfig
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
+from drfmcw_ros.calibration.document import Document
+from drfmcw_ros.calibration.service import CalibrationService
+from drfmcw_ros.calibration.store import CalibrationStore, state_directory
 from drfmcw_ros.messages import to_message
 from drfmcw_ros.parameters import SettingsParameters
 
@@ -141,6 +146,7 @@ class SweepOwner:
                 stamp=self._node.now(),
                 frame_id=self._frame_id(''),
             )
+            processor.add_board_temperature(status.station, status.stamp, status.temperature)
         self._status.publish(to_message(status, StationStatus))
 
     def _frame_id(self, given: str) -> str:
@@ -159,13 +165,18 @@ class FeedOwner(SweepOwner):
         source: type[Source],
         source_settings: Any,
     ) -> None:
-        """Declare the parameters of sweep and calibration, and announce their values; arguments as for `SweepOwner`."""
+        """Declare the parameters of sweep and calibration, and announce their values; arguments as for `SweepOwner`.
+
+        The stored calibration, if any, gives the defaults of its parameters.
+        """
+        store = CalibrationStore(state_directory(os.environ, settings.value.state_directory))
+        stored = store.newest(names.station)  # before the source opens, which a damaged document prevents
         super().__init__(node, names, settings, process, source, source_settings)
         sweep = SettingsParameters(node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep)
-        calibration = SettingsParameters(
-            node, Calibration, Calibration(names.station), 'calibration', self._change_calibration
-        )
+        known = Calibration(names.station) if stored is None else stored.calibration()
+        calibration = SettingsParameters(node, Calibration, known, 'calibration', self._change_calibration)
         self._change_calibration(calibration.value)
+        CalibrationService(node, names.own('store_calibration'), names.station, store, self._use_document)
         self._change_sweep(sweep.value)
         peers = settings.value.peers
         for peer in peers:
@@ -185,6 +196,14 @@ class FeedOwner(SweepOwner):
     def _change_calibration(self, calibration: Calibration) -> None:
         """Announce a calibration that was set by parameter."""
         self._announce_calibration(dataclasses.replace(calibration, stamp=0))
+
+    def _use_document(self, document: Document) -> None:
+        """Make a stored document's values those of the parameters, which announces them."""
+        values = {name: getattr(document.calibration(), name) for name in declared_parameters(Calibration)}
+        parameters = [Parameter(f'calibration.{name}', value=value) for name, value in values.items()]
+        result = self._node.set_parameters_atomically(parameters)
+        if not result.successful:
+            raise ConfigurationError(f'version {document.version} is stored but not in use: {result.reason}')
 
     def _take_request(self, message: SweepConfig) -> None:
         """Pass the wish for another mode to the hardware; the frames show what the hardware then does."""

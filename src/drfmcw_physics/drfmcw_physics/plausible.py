@@ -47,6 +47,8 @@ _SECONDS = {'milliseconds': 1e-3, 'microseconds': 1e-6, 'nanoseconds': 1e-9}
 _TIME = tuple((name, factor, 0.0) for name, factor in _SECONDS.items())
 _FREQUENCY = (('GHz', 1e9, 0.0), ('MHz', 1e6, 0.0), ('kHz', 1e3, 0.0))
 _BOARD = Limits(-100.0, 150.0, 'degC', nan=True, other=(('K', 1.0, -ZERO_CELSIUS),))
+_CLOCKS = ('alpha', 'sample_clock')
+_CLOCK_STD = Limits(0.0, 1e-4, nan=True, other=(('ppm', 1e-6, 0.0),))
 _CLOCK = Limits(1.0 - 5e-4, 1.0 + 5e-4, other=(('ppm of deviation', 1e-6, 1.0),))
 
 LIMITS: dict[str, dict[str, Limits]] = {
@@ -68,6 +70,15 @@ LIMITS: dict[str, dict[str, Limits]] = {
         'noise_floor': Limits(-180.0, -60.0, 'dBm/Hz', nan=True),
         'phase_noise_level': Limits(-180.0, -20.0, 'dBc/Hz', nan=True),
         'phase_noise_corner': Limits(1.0, 1e9, 'Hz', nan=True),
+        'alpha_std': _CLOCK_STD,
+        'sample_clock_alpha_std': _CLOCK_STD,
+        'delay_std': Limits(0.0, 1e-6, 's', nan=True, other=_TIME),
+        **{f'{clock}_linear': Limits(-5e-6, 5e-6, '1/K', nan=True) for clock in _CLOCKS},
+        **{f'{clock}_quadratic': Limits(-1e-7, 1e-7, '1/K^2', nan=True) for clock in _CLOCKS},
+        **{f'{clock}_cubic': Limits(-1e-9, 1e-9, '1/K^3', nan=True) for clock in _CLOCKS},
+        'delay_slope': Limits(-1e-9, 1e-9, 's/K', nan=True, other=_TIME),
+        'temperature_low': _BOARD,
+        'temperature_high': _BOARD,
     },
     'SweepConfig': {
         'role': Limits(1, 2),
@@ -147,6 +158,17 @@ def _sweep_config(message: Any) -> str:
     return ''
 
 
+def _calibration(message: Any) -> str:
+    if message.temperature_high < message.temperature_low:
+        return (
+            f'temperature_low = {message.temperature_low:g} degC is above '
+            f'temperature_high = {message.temperature_high:g} degC'
+        )
+    if len(message.delay_peer) > _LONGEST_NAME or not message.delay_peer.isprintable():
+        return f'delay_peer = {printable(message.delay_peer)} is no name of a station'
+    return ''
+
+
 def _beat(message: Any) -> str:
     if message.window not in WINDOWS:
         return f'window = {printable(message.window)} is none of {", ".join(WINDOWS[1:])}'
@@ -159,4 +181,4 @@ def _beat(message: Any) -> str:
     return ''
 
 
-_JOINT = {'SweepConfig': _sweep_config, 'BeatFrequency': _beat}
+_JOINT = {'StationCalibration': _calibration, 'SweepConfig': _sweep_config, 'BeatFrequency': _beat}

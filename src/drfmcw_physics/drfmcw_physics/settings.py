@@ -202,17 +202,24 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        content = yaml.load(path.read_text(encoding='utf-8'), Loader=_UniqueKeyLoader)
+        text = path.read_text(encoding='utf-8')
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror}') from None
     except UnicodeDecodeError:
         raise ConfigurationError(f'{path}: not a text file') from None
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, where: str) -> dict[str, Any]:
+    """Return the one mapping that a YAML text holds; errors as `read_yaml`, with `where` instead of the file."""
+    try:
+        content = yaml.load(text, Loader=_UniqueKeyLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         line = f' line {mark.line + 1}' if mark else ''
-        raise ConfigurationError(f'{path}{line}: {getattr(error, "problem", None) or error}') from None
+        raise ConfigurationError(f'{where}{line}: {getattr(error, "problem", None) or error}') from None
     if not isinstance(content, dict):
-        raise ConfigurationError(f'{path}: expected a mapping of settings')
+        raise ConfigurationError(f'{where}: expected a mapping of settings')
     return content
 
 

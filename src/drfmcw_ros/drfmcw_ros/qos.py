@@ -4,9 +4,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
@@ -34,6 +36,9 @@ LATCHED = QoSProfile(
 )
 """Settings and calibration: the last one reaches late joiners."""
 
+RANGE_DEADLINE, RANGE_LEASE = 0.1, 1.0
+"""What the publisher of ranges offers: a range at least so often, and a sign of life of its process [s]. A subscriber
+may ask for the same or more; one that asks for nothing gets ranges as ever."""
 
 WEATHER = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -42,6 +47,39 @@ WEATHER = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Readings that hold for minutes: the last ones reach late joiners, such as a recorder, and none is lost when fast."""
+
+
+def range_profile(deadline: float = RANGE_DEADLINE, lease: float = RANGE_LEASE) -> QoSProfile:
+    """Return the profile of ranges: a missed deadline and a publisher whose process died are events.
+
+    Args:
+        deadline: between two ranges [s]; what a subscriber asks for must not be below what the publisher offers.
+        lease: after which a process that gives no sign of life counts as dead [s]; likewise.
+    """
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=400,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+        deadline=Duration(seconds=deadline),
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Duration(seconds=lease),
+    )
+
+
+RANGE = range_profile()
+"""Ranges, as fusion publishes them."""
+
+_INFINITE = Duration(seconds=9223372036, nanoseconds=854775807).nanoseconds  # as the middleware writes it
+_TIMED = (QoSPolicyKind.DEADLINE, QoSPolicyKind.LIVELINESS, QoSPolicyKind.LIVELINESS_LEASE_DURATION)
+
+
+def _overridable(profile: QoSProfile, instance: str | None) -> QoSOverridingOptions:
+    """Return which policies parameters can override: the usual ones, and times where the profile states them."""
+    usual = QoSOverridingOptions.with_default_policies(entity_id=instance)
+    if profile.deadline.nanoseconds in (0, _INFINITE):
+        return usual
+    return QoSOverridingOptions((*usual.policy_kinds, *_TIMED), entity_id=instance)
 
 
 def latched_subscription(depth: int) -> QoSProfile:
@@ -66,7 +104,7 @@ def publisher(
         profile: default QoS.
         instance: distinguishes several publishers of one node on one topic (one per peer).
     """
-    options = QoSOverridingOptions.with_default_policies(entity_id=instance)
+    options = _overridable(profile, instance)
     return node.create_publisher(message_type, topic, profile, qos_overriding_options=options)
 
 
@@ -81,6 +119,7 @@ def subscription(
     raw: bool = False,
     gather: float = 0.0,
     numbers: Callable[[int], None] | None = None,
+    events: SubscriptionEventCallbacks | None = None,
 ) -> Subscription:
     """Create a subscription whose QoS can be overridden by parameters.
 
@@ -97,6 +136,7 @@ def subscription(
         gather: with `batch`, how long to let further messages arrive before taking them all [s]. Waking up costs rclpy
             more than a sweep costs to evaluate: 2 ms of it halve the load at 1000 sweeps/s.
         numbers: with `batch`, gets the number that the publisher gave to each message, before `callback` gets them.
+        events: callbacks of missed deadlines, of publishers that came or died, and of incompatible profiles.
     """
     created: list[Subscription] = []
 
@@ -123,8 +163,9 @@ def subscription(
             topic,
             taking,
             profile,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(entity_id=instance),
+            qos_overriding_options=_overridable(profile, instance),
             raw=raw,
+            event_callbacks=events,
         )
     )
     return created[0]

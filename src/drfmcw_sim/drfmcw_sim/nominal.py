@@ -44,7 +44,8 @@ def nominal_measurements(
 
     Args:
         sweeps: settings of the first and the second station, or of the one that hears itself.
-        calibrations: of the same stations; without noise floor the noise is NaN, without phase noise there is none.
+        calibrations: of the same stations, with their curves over the board temperature; without noise floor the noise
+            is NaN, without phase noise there is none.
         powers: received by each, (n,) [dBm].
         temperatures: of their boards, (n,) [degC].
         full_scales: of their ADCs [LSB].
@@ -59,7 +60,7 @@ def nominal_measurements(
     """
     n = len(sweep_id)
     slowness = refractive_index / SPEED_OF_LIGHT
-    hardware = sum(c.delay for c in calibrations)
+    hardware = sum(c.delay_at(t) for c, t in zip(calibrations, temperatures, strict=True))
     direct = Path(hardware + distance * slowness, velocity * slowness, acceleration * slowness, np.ones(n))
     stations = []
     for sweep, calibration, power, temperature, full_scale in zip(
@@ -69,8 +70,8 @@ def nominal_measurements(
         stations.append(
             Station(
                 sweep=sweep,
-                alpha=np.full(n, calibration.alpha),
-                sample_clock=np.full(n, calibration.sample_clock_alpha),
+                alpha=np.broadcast_to(calibration.alpha_at(temperature), n).copy(),
+                sample_clock=np.broadcast_to(calibration.sample_clock_at(temperature), n).copy(),
                 received_power=power,
                 noise_density=np.full(n, calibration.noise_floor),
                 phase_noise=noise if noise.known else None,

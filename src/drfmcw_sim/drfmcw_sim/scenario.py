@@ -1,6 +1,7 @@
 """Scenario: site, stations, pairs, trajectories, weather, noise and effects, read from YAML."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ import yaml
 
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.schedule import Demand, Schedule, schedule
 from drfmcw_physics.settings import (
     ConfigurationError,
     Parameter,
@@ -20,6 +22,7 @@ from drfmcw_physics.settings import (
     read_yaml,
 )
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
+from drfmcw_ros.calibration.document import read_document
 from drfmcw_ros.config_files import find_config
 
 from .effects import Effect, effect_from_mapping
@@ -31,7 +34,7 @@ _PROFILE = 'true value: a number, or `{times: [s], values: []}`'
 
 @dataclasses.dataclass(frozen=True)
 class StationSettings:
-    """One station as calibrated; effects make its true values differ."""
+    """One station as calibrated, unless `calibration` names a document; effects make its true values differ."""
 
     alpha: float = parameter(1.0, bounds=(0.999, 1.001), description='reference frequency / nominal')
     sample_clock_alpha: float = parameter(
@@ -58,6 +61,18 @@ class StationSettings:
     rx_antenna_gain: float = parameter(21.0, unit='dBi', bounds=(-100.0, 100.0), description='receive antenna gain')
     full_scale_power: float = parameter(
         -20.0, unit='dBm', bounds=(-200.0, 100.0), description='power of a full-scale sine at the receive antenna port'
+    )
+    alpha_linear: float = parameter(
+        0.0, unit='1/K', bounds=(-1e-5, 1e-5),
+        description='alpha over board temperature: factor of d, its excess over that at calibration; the ADC follows',
+    )  # fmt: skip
+    alpha_quadratic: float = parameter(0.0, unit='1/K^2', bounds=(-1e-6, 1e-6), description='factor of d^2')
+    alpha_cubic: float = parameter(0.0, unit='1/K^3', bounds=(-1e-8, 1e-8), description='factor of d^3')
+    delay_slope: float = parameter(
+        0.0, unit='s/K', bounds=(-1e-8, 1e-8), description='delay over board temperature: factor of d'
+    )
+    calibration: str = parameter(
+        '', description='calibration document that the station publishes, beside this file; empty: the true values'
     )
     adc_bits: int = parameter(14, bounds=(2, 16), description='ADC resolution')
     frame_id: str = parameter('', description="the antenna's frame; empty: <station>_antenna")
@@ -91,6 +106,11 @@ class _PairParameters:
     frequency_offset: float = parameter(
         0.0, unit='Hz', bounds=(-1e9, 1e9), description='f_o,off = f_0 of the first minus f_0 of the second station'
     )
+    rate: float = parameter(
+        math.nan, unit='Hz', bounds=(1e-6, 1e5), nan_means='an equal share of the time that is left',
+        description='at least so many sweeps per second, in time division with other pairs',
+    )  # fmt: skip
+    priority: int = parameter(0, bounds=(-1000, 1000), description='the higher one gets its rate first')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,7 +155,10 @@ class TimingSettings:
     """When sweeps happen, and how they vary."""
 
     sweep_interval: float = parameter(
-        0.02, unit='s', bounds=(1e-5, 1e6), description='from one sweep pair to the next, pairs in turn'
+        0.02,
+        unit='s',
+        bounds=(1e-5, 1e6),
+        description='of a slot of the time division: from one sweep pair to the next',
     )
     mode_change_duration: float = parameter(
         0.05, unit='s', bounds=(0.0, 1e3), description='time without sweeps while the hardware changes its mode'
@@ -164,15 +187,36 @@ class Scenario:
     reference: ReferenceSettings = ReferenceSettings()
     timing: TimingSettings = TimingSettings()
     effects: tuple[Effect, ...] = ()
+    stored: dict[str, Calibration] = dataclasses.field(default_factory=dict)  # by station, where it is not the truth
     seed: int = parameter(1, bounds=(0, 2**63 - 1), description='of all random numbers')
 
+    @functools.cached_property
+    def schedule(self) -> Schedule:
+        """Which pair measures in which slot."""
+        return schedule([Demand(p.rate, p.priority) for p in self.pairs], self.timing.sweep_interval)
+
+    def published_calibration(self, station: str) -> Calibration:
+        """Return the calibration that a station publishes: a stored document's, else the true one."""
+        stored = self.stored.get(station)
+        if stored is None:
+            return self.calibration(station)
+        return dataclasses.replace(stored, frame_id=self.frame_id(station))
+
     def calibration(self, station: str) -> Calibration:
-        """Return the calibration stored on a station."""
+        """Return the calibration that holds for a station exactly, effects aside."""
         s = self.stations[station]
+        sample_clock = s.alpha if math.isnan(s.sample_clock_alpha) else s.sample_clock_alpha
         return Calibration(
             station=station,
             alpha=s.alpha,
-            sample_clock_alpha=s.alpha if math.isnan(s.sample_clock_alpha) else s.sample_clock_alpha,
+            sample_clock_alpha=sample_clock,
+            alpha_linear=s.alpha_linear,
+            alpha_quadratic=s.alpha_quadratic,
+            alpha_cubic=s.alpha_cubic,
+            sample_clock_linear=s.alpha_linear * sample_clock / s.alpha,
+            sample_clock_quadratic=s.alpha_quadratic * sample_clock / s.alpha,
+            sample_clock_cubic=s.alpha_cubic * sample_clock / s.alpha,
+            delay_slope=s.delay_slope,
             temperature=s.calibration_temperature,
             delay=s.delay,
             noise_floor=s.noise_floor,
@@ -289,9 +333,18 @@ def scenario_from_mapping(mapping: Mapping[str, Any], where: str) -> Scenario:
     if 'measured' in mapping:
         effects = (*effects, _measured(mapping['measured'], where))
     seed = check_value('seed', mapping.get('seed', 1), int, Parameter('1', '', (0, 2**63 - 1)), where)
-    scenario = Scenario(stations, pairs, **sections, effects=effects, seed=seed)
+    stored = {name: _stored(s.calibration, name, where) for name, s in stations.items() if s.calibration}
+    scenario = Scenario(stations, pairs, **sections, effects=effects, stored=stored, seed=seed)
     _check(scenario, where)
     return scenario
+
+
+def _stored(name: str, station: str, where: str) -> Calibration:
+    """Return the calibration of a document, whose name is relative to the scenario's."""
+    document = read_document(Path(where).parent / name)
+    if document.station != station:
+        raise ConfigurationError(f"{where}: stations: {station}: calibration {name} is of station '{document.station}'")
+    return document.calibration()
 
 
 def _measured(name: Any, where: str) -> Measured:

@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 import math
+import queue
 import sys
 import threading
 import time
@@ -16,6 +17,9 @@ from rclpy.node import Node
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import Mode
 from drfmcw_ros import qos
+from drfmcw_ros.calibration.document import Document
+from drfmcw_ros.calibration.service import CalibrationService
+from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
 from drfmcw_ros.messages import message_class, to_message
 from drfmcw_ros.parameters import SettingsParameters
@@ -67,6 +71,10 @@ class SimulatorSettings:
     mode_control: str = parameter(
         'request', choices=('request', 'range'), structural=True,
         description="'request': mode as asked for on sweep_request; 'range': by the scenario's own distance limit",
+    )  # fmt: skip
+    state_directory: str = parameter(
+        '', structural=True,
+        description='directory of calibrations that stations publish and store_calibration adds to; empty: none',
     )  # fmt: skip
     settings_pause: float = parameter(
         0.05,
@@ -154,6 +162,9 @@ class Simulator(Node):
         self.scenario: Scenario = read_scenario(
             settings.scenario, tuple(o for o in settings.overrides if o), None if settings.seed < 0 else settings.seed
         )
+        self._stored: queue.SimpleQueue[Document] = queue.SimpleQueue()
+        if settings.state_directory:
+            self._keep_calibrations(CalibrationStore(settings.state_directory))
         start = self._now() if settings.start == 'now' else None  # the settings' stamps precede it
         self._timeline = Timeline(self.scenario, start, mode_by_range=settings.mode_control == 'range')
         self._publishers_of: dict[tuple[str, str], Any] = {}
@@ -201,6 +212,17 @@ class Simulator(Node):
         return self.get_clock().now().nanoseconds
 
     # --- what comes in ---
+
+    def _keep_calibrations(self, store: CalibrationStore) -> None:
+        """Let the stations publish their stored calibrations, and store what they are given."""
+        for station in self.scenario.stations:
+            document = store.newest(station)
+            if document is not None:
+                self._publish_as_stored(document)
+            CalibrationService(self, f'/{station}/store_calibration', station, store, self._stored.put)
+
+    def _publish_as_stored(self, document: Document) -> None:
+        self.scenario.stored[document.station] = document.calibration()
 
     def _listen(self, station: str) -> None:
         def on_beats(messages: list[BeatFrequency]) -> None:
@@ -306,12 +328,24 @@ class Simulator(Node):
                     missing.append(f'a publisher of /{pair.first}/sweep_request')
         return missing
 
+    def _use_stored(self) -> None:
+        """Publish calibrations stored since, before the sweeps that follow."""
+        changed = False
+        while not self._stored.empty():
+            self._publish_as_stored(self._stored.get())
+            changed = True
+        if changed:
+            for event in self._timeline.calibrations(self._timeline.stamp(self._timeline.duration) - 1):
+                self._publish(event)
+            self._stop.wait(self.settings.settings_pause)
+
     def _run_scenario(self) -> None:
         timeline = self._timeline
         self._state = 'running'
         self._anchor = (time.monotonic(), timeline.start)
         self.get_logger().info(f'{timeline.sweep_count} sweeps of {len(self.scenario.pairs)} pair(s)')
         while not self._stop.is_set() and not timeline.finished:
+            self._use_stored()
             self._change_modes()
             slots = timeline.slots(_BLOCK)
             if len(slots) == 0:
@@ -418,6 +452,16 @@ class Simulator(Node):
             self.get_logger().info(f'scenario ended after {self._timeline.next_sweep_id} sweeps')
             raise Finished
 
+    def _diagnose_schedule(self, status: Status) -> None:
+        """Show what the time division gives to each pair, and warn of a pair that gets less than it asks for."""
+        plan = self.scenario.schedule
+        for number, pair in enumerate(self.scenario.pairs):
+            name = f'{pair.first}/{pair.second}'
+            waits = f'{plan.rate(number):.4g} Hz, {plan.longest_wait(number):.4g} s at most between two sweeps'
+            status.value(f'schedule of {name}', waits)
+            if plan.falls_short(number):
+                status.report(WARN, f'{name} gets {plan.rate(number):.4g} Hz of {pair.rate:g} Hz: too many pairs')
+
     def _diagnose(self, status: Status) -> None:
         with self._lock:
             silent = sorted(self._acknowledgements.silent)
@@ -425,6 +469,7 @@ class Simulator(Node):
         status.report(WARN if silent else OK, f'no answer from {", ".join(silent)}' if silent else self._state)
         if self._lag > 0.1:
             status.report(WARN, f'{self._lag:.2f} s behind the pace')
+        self._diagnose_schedule(status)
         status.value('sweeps', self._timeline.next_sweep_id)
         status.value('sweeps of the scenario', self._timeline.sweep_count)
         status.value('outstanding', outstanding)

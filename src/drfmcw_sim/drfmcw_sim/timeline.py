@@ -127,7 +127,8 @@ class Timeline:
         self._reported = -math.inf  # time up to which weather and status are published [s]
         self.modes: list[Mode] = []  # of each pair, none before the first is chosen
         self._start_delays: list[float] = []
-        first = self._at(first_sweep_id + np.arange(len(scenario.pairs)))
+        turns = [scenario.schedule.frame.index(pair) for pair in range(len(scenario.pairs))]
+        first = self._at(first_sweep_id + np.array(turns))
         wanted = [self._wanted(int(p), 0, float(d)) for p, d in zip(first.pair, first.distance, strict=True)]
         self.modes, self._start_delays = [mode for mode, _ in wanted], [delay for _, delay in wanted]
 
@@ -154,20 +155,26 @@ class Timeline:
         """Measurements of the whole scenario, changes of mode left out."""
         s = self.scenario
         counts = []
-        for pair in s.pairs:
+        for pair, own in zip(s.pairs, s.schedule.counts, strict=True):
             if isinstance(pair.trajectory, Drive):
                 counts.append(math.ceil(pair.trajectory.duration / s.timing.sweep_interval))
             else:
-                counts.append(pair.trajectory.sweep_count * len(s.pairs))
+                frames = math.ceil(pair.trajectory.sweep_count / own)
+                counts.append(frames * len(s.schedule.frame))
         return max(counts)
 
     def _at(self, sweep_id: np.ndarray) -> Slots:
         """Return the slots of given sweep numbers."""
         pairs = self.scenario.pairs
         number = sweep_id - self._first_sweep_id
-        pair, index = number % len(pairs), number // len(pairs)
+        plan = self.scenario.schedule
+        pair, index = plan.pair(number), plan.index(number)
         time = number * self.scenario.timing.sweep_interval + self._pause
-        standing = [p.trajectory.moves(index) for p in pairs if not isinstance(p.trajectory, Drive)]
+        standing = [
+            p.trajectory.moves(np.maximum(plan.before(member, number + 1) - 1, 0))
+            for member, p in enumerate(pairs)
+            if not isinstance(p.trajectory, Drive)
+        ]
         if standing:
             time = time + np.max(standing, axis=0)
         states = np.empty((3, len(sweep_id)))
@@ -176,15 +183,20 @@ class Timeline:
             states[:, rows] = settings.trajectory.state(index[rows], time[rows])
         return Slots(sweep_id, time, pair, *states)
 
+    def _index(self, sweep_id: np.ndarray) -> np.ndarray:
+        """Return the number of each sweep for its own pair."""
+        return self.scenario.schedule.index(sweep_id - self._first_sweep_id)
+
     def _ended(self, slots: Slots) -> np.ndarray:
         """Return which slots lie behind the end of all trajectories."""
-        pairs = self.scenario.pairs
+        plan = self.scenario.schedule
+        frames = (slots.sweep_id - self._first_sweep_id) // len(plan.frame)
         ended = np.ones(len(slots), bool)
-        for p in pairs:
+        for p, count in zip(self.scenario.pairs, plan.counts, strict=True):
             if isinstance(p.trajectory, Drive):
                 ended &= slots.time >= p.trajectory.duration
             else:
-                ended &= (slots.sweep_id - self._first_sweep_id) // len(pairs) >= p.trajectory.sweep_count
+                ended &= frames * count >= p.trajectory.sweep_count
         return ended
 
     def slots(self, limit: int) -> Slots:
@@ -192,7 +204,7 @@ class Timeline:
         slots = self._at(np.arange(self.next_sweep_id, self.next_sweep_id + limit))
         stop = self._ended(slots)
         if self._by_range:
-            index = (slots.sweep_id - self._first_sweep_id) // len(self.scenario.pairs)
+            index = self._index(slots.sweep_id)
             stop = stop | [
                 self._wanted(p, i, d) != (self.modes[p], self._start_delays[p])
                 for p, i, d in zip(slots.pair.tolist(), index.tolist(), slots.distance.tolist(), strict=True)
@@ -218,14 +230,22 @@ class Timeline:
 
     def opening(self) -> list[Event]:
         """Return calibrations and settings of all stations, published before the first sweep."""
-        events = []
         early = self.stamp(0.0) - NANOSECONDS
-        for name in self.scenario.stations:
-            calibration = dataclasses.replace(self.scenario.calibration(name), stamp=early)
-            events.append(Event(f'/{name}/calibration', early, calibration))
+        events = self.calibrations(early)
         for pair in range(len(self.scenario.pairs)):
             events += self._settings_events(pair, early + NANOSECONDS // 2)
         return events
+
+    def calibrations(self, stamp: int) -> list[Event]:
+        """Return the calibrations of all stations, valid from a stamp [ns] on."""
+        return [
+            Event(
+                f'/{name}/calibration',
+                stamp,
+                dataclasses.replace(self.scenario.published_calibration(name), stamp=stamp),
+            )
+            for name in self.scenario.stations
+        ]
 
     def _settings_events(self, pair: int, stamp: int) -> list[Event]:
         return [
@@ -252,7 +272,7 @@ class Timeline:
         """Change the mode of the next measurement's pair where its distance asks for it; return the new settings."""
         slot = self._at(np.array([self.next_sweep_id]))
         pair = int(slot.pair[0])
-        index = (self.next_sweep_id - self._first_sweep_id) // len(self.scenario.pairs)
+        index = int(self._index(slot.sweep_id)[0])
         wanted = self._wanted(pair, index, float(slot.distance[0]))
         if not self._by_range or wanted == (self.modes[pair], self._start_delays[pair]):
             return []
@@ -285,7 +305,7 @@ class Timeline:
             slots.velocity,
             slots.acceleration,
             refractive_index(s.weather.temperature.at(time), s.weather.pressure.at(time), s.weather.humidity.at(time)),
-            settings.trajectory.setting((slots.sweep_id - self._first_sweep_id) // len(s.pairs)),
+            settings.trajectory.setting(self._index(slots.sweep_id)),
         )
         return dataclasses.replace(
             nominal, start_delay_jitter=s.timing.start_delay_jitter, amplitude_scatter=s.timing.amplitude_scatter
@@ -327,7 +347,7 @@ class Timeline:
             events += self._reports(reported, float(time), int(sweep_id))
             reported = time
             if s.reference.enabled and s.reference.interval == 0:
-                index = (int(sweep_id) - self._first_sweep_id) // len(s.pairs)
+                index = int(self._index(np.array([sweep_id]))[0])
                 events.append(self._reference(int(sweep_id), int(pair), index, float(time), float(distance)))
             events += sweeps[int(sweep_id)]
         return events
@@ -342,7 +362,7 @@ class Timeline:
             if isinstance(p.trajectory, Drive):
                 return p.trajectory.state(None, t)[0]
             # between two distances a standing crane is not simulated: its reference has settled
-            return distance + p.trajectory.step(index) * (t - time) / (s.timing.sweep_interval * len(s.pairs))
+            return distance + p.trajectory.step(index) * (t - time) / s.schedule.interval(pair)
 
         error += sum((float(e.reference_error(time, distance, earlier)) for e in s.effects), 0.0)
         frame = 'reference' if len(s.pairs) == 1 else f'{p.first}/{p.second}'
@@ -360,7 +380,7 @@ class Timeline:
             due.append((t, [self._status(name, t, sweeps) for name in s.stations]))
         if s.reference.enabled and s.reference.interval:
             for number, t in _ticks(s.reference.interval, since, until):
-                index = sweeps // len(s.pairs)
+                index = max(int(s.schedule.before(0, sweeps + 1)) - 1, 0)
                 distance = s.pairs[0].trajectory.state(np.array([index]), np.array([t]))[0][0]
                 due.append((t, [self._reference(number, 0, index, t, float(distance))]))
         for _, events in sorted(due, key=lambda item: item[0]):
@@ -381,12 +401,11 @@ class Timeline:
 
     def _status(self, station: str, time: float, measured: int) -> Event:
         stamp = self.stamp(time)
-        pairs = self.scenario.pairs
-        own = [number for number, p in enumerate(pairs) if station in (p.first, p.second)]
-        sweeps = sum((measured - number + len(pairs) - 1) // len(pairs) for number in own)
+        own = [number for number, p in enumerate(self.scenario.pairs) if station in (p.first, p.second)]
+        sweeps = sum(int(self.scenario.schedule.before(number, measured)) for number in own)
         temperature = float(self.scenario.stations[station].board_temperature.at(time))
         frame = self.scenario.frame_id(station)
-        return Event(f'/{station}/status', stamp, Status(station, stamp, frame, temperature, max(sweeps, 0)))
+        return Event(f'/{station}/status', stamp, Status(station, stamp, frame, temperature, sweeps))
 
 
 def _ticks(interval: float, since: float, until: float) -> Iterator[tuple[int, float]]:

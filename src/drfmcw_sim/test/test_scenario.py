@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import yaml
 from checkout import CONFIG
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +19,7 @@ from drfmcw_sim.signal_model import synthesise
 from drfmcw_sim.timeline import IfSweep, Timeline
 from drfmcw_sim.trajectory import Drive, Profile, Standing
 
-SCENARIOS = sorted(CONFIG.glob('*.yaml'))
+SCENARIOS = sorted(set(CONFIG.glob('*.yaml')) - {CONFIG / 'requirements.yaml'})
 
 
 def minimal(**changes):
@@ -154,6 +155,49 @@ def test_time_division_gives_every_pair_its_turn():
             by_number.setdefault(event.content.sweep_id, []).append((event.content.station, event.content.peer))
     assert by_number[4] == [('master', 'slave_2'), ('slave_2', 'master')]
     assert all(len(stations) == 2 for stations in by_number.values())
+
+
+def unequal(**first):
+    """The scenario of one master and three slaves with a demand of its first pair."""
+    mapping = yaml.safe_load((CONFIG / 'tdma.yaml').read_text())
+    mapping['pairs'][0] |= first
+    return scenario_from_mapping(mapping, 'unequal')
+
+
+def test_pair_with_a_rate_has_more_slots_and_every_sweep_its_number():
+    """25 of 50 slots a second for the first pair; the others share the rest. Numbers of sweeps count through."""
+    scenario = unequal(rate=25.0, priority=1)
+    timeline = Timeline(scenario)
+    slots = timeline.slots(1000)
+    assert np.bincount(slots.pair).tolist() == [500, 250, 250]
+    assert slots.sweep_id.tolist() == list(range(1000))
+    assert np.allclose(np.diff(slots.time), 0.02)
+    for pair in range(3):
+        assert scenario.schedule.before(pair, 1000) == np.count_nonzero(slots.pair == pair)
+    heard = [e.content.peer for e in timeline.render(slots[:8]) if e.topic == '/master/if_samples']
+    assert heard == [scenario.pairs[p].second for p in slots.pair[:8]]
+
+
+def test_standing_pair_takes_all_its_sweeps_whatever_its_share():
+    """1000 sweeps at 300 m for the second pair, with half as many slots as the first."""
+    scenario = unequal(rate=25.0)
+    timeline = Timeline(scenario)
+    times, own = -1.0, 0
+    while len(slots := timeline.slots(500)):
+        assert (np.diff(slots.time) > 0).all() and slots.time[0] > times
+        times = float(slots.time[-1])
+        own += int(np.count_nonzero(slots.pair == 1))
+        timeline.advance(len(slots))
+        for _ in range(3):
+            timeline.due_mode_changes()
+    assert timeline.finished and own >= 1000
+
+
+def test_impossible_demands_are_known():
+    plan = unequal(rate=70.0).schedule
+    assert plan.falls_short(0) and not plan.falls_short(1)
+    with pytest.raises(ConfigurationError, match='rate'):
+        unequal(rate=-1.0)
 
 
 def test_mode_changes_with_distance_and_takes_its_time():

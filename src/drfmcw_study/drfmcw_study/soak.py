@@ -1,4 +1,4 @@
-"""`drfmcw soak`: the classes of stations and fusion for hours of sweeps at full speed; does anything grow?"""
+"""`drfmcw soak`: the classes of stations and fusion, or the gateway, for hours of sweeps at full speed; what grows?"""
 
 import dataclasses
 import gc
@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import t as student
@@ -65,6 +66,20 @@ def slope(hours: Sequence[float], values: Sequence[float]) -> Slope:
     return Slope(value, float(student.ppf(0.5 + _CONFIDENCE / 2.0, n - 2)) * std)
 
 
+class Soaked(Protocol):
+    """What runs for hours of sweeps."""
+
+    @property
+    def hours(self) -> float:
+        """Return for how many hours of sweeps it has run."""
+
+    def loop(self) -> list[float]:
+        """Go on for a while; return the time that each sweep took [s]."""
+
+    def close(self) -> None:
+        """End."""
+
+
 class Soak:
     """A pair of stations and a fusion that never stop."""
 
@@ -105,10 +120,13 @@ class Soak:
         self._loops += 1
         return taken
 
+    def close(self) -> None:
+        """End; nothing is left open."""
 
-def run(hours: float, limit: float, estimator: str = 'hann') -> list[Look]:
+
+def run(hours: float, limit: float, soak: Soaked) -> list[Look]:
     """Run until so many hours of sweeps, or `limit` seconds of the clock, are over; return what was seen."""
-    soak, looks = Soak(estimator), []
+    looks: list[Look] = []
     end = time.monotonic() + limit
     while soak.hours < hours and time.monotonic() < end:
         taken = [each for _ in range(_LOOPS_BETWEEN) for each in soak.loop()]
@@ -135,15 +153,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         '--limit', type=float, default=math.inf, metavar='MINUTES', help='stop after so long by the clock'
     )
     parser.add_argument('--estimator', default='hann', choices=('paper', 'hann', 'ml', 'pair'), help='of the stations')
+    parser.add_argument('--gateway', action='store_true', help='the servers for crane controllers, with their clients')
     parser.add_argument('--json', metavar='FILE', help='write every look')
     arguments = parser.parse_args(argv)
-    return guarded(parser.prog, lambda: _soak(arguments.hours, arguments.limit, arguments.estimator, arguments.json))
+
+    def work() -> int:
+        hours, limit = arguments.hours, arguments.limit
+        if not (0.0 < hours < math.inf and limit > 0.0):
+            raise ConfigurationError(f'{hours:g} hours, --limit {limit:g}: both must be above 0')
+        return _soak(hours, limit, _gateway() if arguments.gateway else Soak(arguments.estimator), arguments.json)
+
+    return guarded(parser.prog, work)
 
 
-def _soak(hours: float, limit: float, estimator: str, path: str | None) -> int:
-    if not (0.0 < hours < math.inf and limit > 0.0):
-        raise ConfigurationError(f'{hours:g} hours, --limit {limit:g}: both must be above 0')
-    looks = run(hours, 60.0 * limit, estimator)
+def _gateway() -> Soaked:
+    from .soak_gateway import GatewaySoak  # its libraries take a second to load
+
+    return GatewaySoak()
+
+
+def _soak(hours: float, limit: float, soak: Soaked, path: str | None) -> int:
+    try:
+        looks = run(hours, 60.0 * limit, soak)
+    finally:
+        soak.close()
     slopes = judged(looks)
     units = {'memory': 'MB', 'descriptors': '', 'latency': 'ms'}
     print(f'{looks[-1].hours:.2f} hours of sweeps, {len(looks)} looks')

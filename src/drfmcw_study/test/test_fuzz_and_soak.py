@@ -8,7 +8,7 @@ import pytest
 
 from drfmcw_study.campaign.fuzz import Found, attempt, fuzz, summary
 from drfmcw_study.campaign.fuzz_targets import Target, targets
-from drfmcw_study.soak import Look, judged, run, slope
+from drfmcw_study.soak import Look, Soak, judged, run, slope
 
 CORPUS = Path(__file__).parent / 'corpus'
 TARGETS = targets()
@@ -64,6 +64,25 @@ def test_a_leak_is_found_and_none_is_not():
 
 @pytest.mark.slow
 def test_sweeps_leave_no_descriptors_behind():
-    looks = run(0.02, 120.0)
+    looks = run(0.02, 120.0, Soak('hann'))
     assert looks[-1].hours >= 0.02
     assert len({look.descriptors for look in looks}) == 1
+
+
+@pytest.mark.slow
+def test_gateway_and_its_clients_leave_no_descriptors_behind():
+    """Clients of both protocols come and go between looks; a subscription stays and gets what changes."""
+    pytest.importorskip('asyncua')
+    from drfmcw_study.soak_gateway import RANGES, GatewaySoak
+
+    soak = GatewaySoak()
+    try:
+        soak.loop()
+        before = len(list(Path('/proc/self/fd').iterdir()))
+        notified = soak.notified
+        soak.loop()
+        assert soak.hours == pytest.approx(2 * RANGES / 50 / 3600)
+        assert soak.notified > notified
+        assert len(list(Path('/proc/self/fd').iterdir())) == before
+    finally:
+        soak.close()

@@ -253,6 +253,9 @@ def _station(dataset: Dataset, i: int, pauses: np.ndarray) -> dict[str, Any]:
         'full_scale_power': _number(sweep.full_scale_power + 20.0 * math.log10(2.0 ** (bits - 1) / full_scale)),
         'adc_bits': bits,
     }
+    for name in ('alpha_linear', 'alpha_quadratic', 'alpha_cubic', 'delay_slope'):
+        if getattr(calibration, name):
+            result[name] = float(getattr(calibration, name))
     if sweep.frame_id:
         result['frame_id'] = sweep.frame_id
     if not math.isnan(calibration.noise_floor):

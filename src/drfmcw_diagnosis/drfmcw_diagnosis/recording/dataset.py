@@ -414,24 +414,36 @@ def _sweeps_of(dataset: Dataset, rows: np.ndarray) -> Iterator[Sweep]:
             yield Sweep(own, peer, int(row), float(dataset.full_scale[i, row]), dataset.iq, samples[row], stamp)
 
 
-def _measure(dataset: Dataset) -> Lines:
-    """Return what the chain measures: maximum-likelihood beat frequencies, and their ranges."""
-    shape = (len(dataset.stations), len(dataset))
-    found = {name: np.full(shape, np.nan) for name in _LINE}
-    density, flags = np.full(shape, np.nan), np.zeros(shape, int)
-    ranges, stds = np.full((2, len(dataset)), np.nan)
+def _fusion(dataset: Dataset) -> RangeFusion:
+    """Return a fusion that knows calibrations, weather and board temperatures."""
     fusion = RangeFusion(FusionSettings(maximum_range=1e7))
     for calibration in dataset.calibration:
         fusion.add_calibration(dataclasses.replace(calibration, stamp=0))
     for quantity in WEATHER:
         for stamp, value in zip(dataset.stamp, getattr(dataset, quantity), strict=True):
             fusion.add_weather(quantity, int(stamp), float(value))
+    for station, temperatures in zip(dataset.stations, dataset.board_temperature, strict=True):
+        for row in np.flatnonzero(np.isfinite(temperatures)):
+            fusion.add_board_temperature(station, int(dataset.stamp[row]), float(temperatures[row]))
+    return fusion
+
+
+def _measure(dataset: Dataset) -> Lines:
+    """Return what the chain measures: maximum-likelihood beat frequencies, and their ranges."""
+    shape = (len(dataset.stations), len(dataset))
+    found = {name: np.full(shape, np.nan) for name in _LINE}
+    density, flags = np.full(shape, np.nan), np.zeros(shape, int)
+    ranges, stds = np.full((2, len(dataset)), np.nan)
+    fusion = _fusion(dataset)
     changes = np.flatnonzero(np.diff(dataset.setting)) + 1
     for run in np.split(np.arange(len(dataset)), changes):
         settings = dataset.sweeps[dataset.setting[run[0]]]
         processor = StationProcessor(EstimatorSettings(estimator='ml'))
         for calibration in dataset.calibration:
             processor.add_calibration(dataclasses.replace(calibration, stamp=0))
+        warm = [c.at(_middle(t[run])) for c, t in zip(dataset.calibration, dataset.board_temperature, strict=True)]
+        for station, temperatures in zip(dataset.stations, dataset.board_temperature[:, run], strict=True):
+            processor.add_board_temperature(station, 0, _middle(temperatures))
         for sweep in settings:
             processor.add_sweep_config(sweep)
             fusion.add_sweep_config(dataclasses.replace(sweep, stamp=int(dataset.stamp[run[0]])))
@@ -445,15 +457,21 @@ def _measure(dataset: Dataset) -> Lines:
                 flags[at] = beat.flags
                 result = fusion.add_beat(beat)
                 if result is not None:
-                    ranges[beat.sweep_id], stds[beat.sweep_id] = result.range, result.range_std
+                    ranges[beat.sweep_id], stds[beat.sweep_id] = result.range, result.white_std
         for i, samples in enumerate(dataset.samples):
             if samples is None:
                 delay = delay_of_one(
-                    settings[1 - i], found['frequency'][1 - i, run], dataset.calibration[1 - i], dataset.calibration[i]
+                    settings[1 - i], found['frequency'][1 - i, run], warm[1 - i], warm[i]
                 )
-                hardware = sum(c.delay for c in dataset.calibration)
+                hardware = sum(c.delay for c in warm)
                 ranges[run] = (delay - hardware) * SPEED_OF_LIGHT / dataset.refractive_index[run]
     return Lines(**found, noise_density=density, flags=flags, range=ranges, range_std=stds)
+
+
+def _middle(temperatures: np.ndarray) -> float:
+    """Return the mean of the known temperatures [degC], NaN where none is."""
+    known = temperatures[np.isfinite(temperatures)]
+    return float(np.mean(known)) if len(known) else np.nan
 
 
 def delay_of_one(sweep: SweepSettings, frequency: np.ndarray, own: Calibration, peer: Calibration) -> np.ndarray:

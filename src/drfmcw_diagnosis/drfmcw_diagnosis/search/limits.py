@@ -108,8 +108,18 @@ class SearchLimits:
     behind: float = 0.2
     """Share of an effect's gain by which a substitute may then be behind; chosen."""
 
-    hopeless: float = 3.0
-    """Multiple of that by which it may be behind while the other effects follow to first order alone; chosen."""
+    alone_steps: int = 6
+    """Steps of a substitute's fit while the other effects follow to first order; chosen."""
+
+    hopeless: float = 0.4
+    """Share of an effect's gain by which a substitute may then be behind and still be fitted with them; chosen."""
+
+    hopeless_elsewhere: float = 0.05
+    """The same of an effect of the same kind with other values: the others need not change much; chosen."""
+
+    returned: float = 0.01
+    """Squared distance of the substitute from the explanation over that gain [1], below which they are the same;
+    chosen."""
 
     of_a_kind: int = 2
     """Effects of one kind at one station, at most; chosen."""

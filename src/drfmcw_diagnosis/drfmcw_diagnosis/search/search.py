@@ -251,11 +251,38 @@ class Search(Fitting):
         if number is None:
             return fitted
         candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
-        residual = self.comparison.residual - rest.template
-        begun = self._promising(residual, rest.effects, self.freedom(rest), candidate.effect)[: SEARCH.fringes]
-        fits = self.fits([[*rest.start, (candidate, values)] for _, _, values in begun])
+        residual, freedom = self.comparison.residual - rest.template, self.freedom(rest)
+        begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
+        goal = self.misfit(rest.template) - fitted.misfit
+
+        def refined(point: tuple) -> Fitted | None:
+            alone = self._alone(point, rest, freedom, fitted, goal)
+            return None if alone is None else self.fit([*rest.start, *alone.start])
+
+        fits = [f for f in self._workers.map(refined, [(candidate, values) for _, _, values in begun]) if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
+
+    def _alone(
+        self, point: tuple, rest: Fitted, freedom: Freedom | None, fitted: Fitted, goal: float
+    ) -> Fitted | None:
+        """Return one effect fitted while the others follow to first order; None of what need not be fitted with them.
+
+        Args:
+            point: effect with the values at which its fit begins.
+            rest: the others.
+            freedom: of the others.
+            fitted: explanation that it shall replace.
+            goal: gain of the effect that it replaces there.
+        """
+        alone = self.fit([point], SEARCH.alone_steps, rest.template, freedom)
+        elsewhere = any(e.key == point[0].key for e in fitted.effects)
+        share = SEARCH.hopeless_elsewhere if elsewhere else SEARCH.hopeless
+        if alone.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, share * goal):
+            return None
+        apart = self.whitening(alone.template - fitted.template)
+        apart = apart if freedom is None else freedom.left(apart)
+        return None if float(apart @ apart) < SEARCH.returned * goal else alone
 
     def _without(self, fitted: Fitted, number: int) -> Fitted:
         """Return an explanation without one of its effects, the others as they are; misfit and evidence stay."""
@@ -356,14 +383,15 @@ class Search(Fitting):
             def refined(
                 point: tuple,
                 base: list = base,
+                goal: float = goal,
                 margin: float = margin,
                 rest: Fitted = rest,
                 freedom: Freedom | None = freedom,
             ) -> Fitted | None:
                 candidate: Candidate = point[0]
-                if not (candidate.kind.distorts or candidate.kind.bursts):  # the others follow to first order
-                    alone = self.fit([point], SEARCH.first_steps, rest.template, freedom)
-                    if alone.misfit - fitted.misfit > SEARCH.hopeless * margin:
+                if not (candidate.kind.distorts or candidate.kind.bursts):
+                    alone = self._alone(point, rest, freedom, fitted, goal)
+                    if alone is None:
                         return None
                     point = alone.start[0]
                 begun = self.fit([*base, point], SEARCH.first_steps, linearised=linearised)

@@ -24,6 +24,7 @@ from .records import Beat, Spectrum, Sweep
 
 OTHER_REASONS = 'other reasons'
 """Stands for what no longer counts by itself."""
+_TEMPERATURE_STEP = 1.0  # of boards, between two estimators [K]
 _BLOCK = 64  # samples that no two records share by chance
 _FEWEST_VALUES = 8  # in a block that is noise
 _MOST_REASONS = 32
@@ -38,6 +39,8 @@ class StationProcessor:
         self._settings = settings or EstimatorSettings()
         self._sweep_settings: dict[tuple[str, str], History[SweepSettings]] = collections.defaultdict(History)
         self._calibrations: dict[str, History[Calibration]] = collections.defaultdict(History)
+        self._board_temperatures: dict[str, History[float]] = collections.defaultdict(History)
+        self._at_temperature: dict[tuple[int, int], Calibration] = {}  # by calibration and step of temperature
         self._estimators: dict[tuple, Estimator | str] = {}
         self._newest_samples: dict[tuple[str, str], tuple[int, np.ndarray]] = {}
         self.sweeps = 0
@@ -72,9 +75,15 @@ class StationProcessor:
             if calibration.station in pair and newest is not None:
                 self._prepare(newest)
 
+    def add_board_temperature(self, station: str, stamp: int, temperature: float) -> None:
+        """Add a station's board temperature [degC], valid from its stamp [ns] on; NaN is ignored."""
+        if math.isfinite(temperature):
+            self._board_temperatures[station].add(stamp, temperature)
+
     def _forget_estimators(self) -> None:
         """Forget the prepared estimators, because settings or calibrations changed."""
         self._estimators.clear()
+        self._at_temperature.clear()
 
     def _prepare(self, settings: SweepSettings) -> None:
         """Make the estimator of the newest settings now (tens of ms), so that the first sweep need not wait for it."""
@@ -164,8 +173,23 @@ class StationProcessor:
             calibration = _holding(self._calibrations.get(station), sweep.stamp)
             if calibration is None:
                 return f'no calibration of {station} from before the sweep'
-            calibrations.append(calibration)
+            calibrations.append(self._warm(calibration, station, sweep.stamp))
         return settings, *calibrations
+
+    def _warm(self, calibration: Calibration, station: str, stamp: int) -> Calibration:
+        """Return a calibration as it holds at the board's temperature, in steps of `_TEMPERATURE_STEP`.
+
+        The clocks move the residual chirp, which smears a line by a tenth of a bin in such a step; the range uses the
+        temperature itself.
+        """
+        temperature = _holding(self._board_temperatures.get(station), stamp)
+        if temperature is None or not calibration.depends_on_temperature:
+            return calibration
+        step = round(temperature / _TEMPERATURE_STEP)
+        key = id(calibration), step
+        if key not in self._at_temperature:
+            self._at_temperature[key] = calibration.at(step * _TEMPERATURE_STEP)
+        return self._at_temperature[key]
 
     def _estimator(self, sweep: Sweep) -> Estimator | str:
         """Return the estimator for the sweep's settings and calibrations, or why there is none."""

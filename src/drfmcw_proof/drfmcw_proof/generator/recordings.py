@@ -54,6 +54,17 @@ def open_seal(seal: Seal) -> dict[str, Any]:
     return json.loads(data)
 
 
+_NOT_STATED: dict[str, Any] = {
+    **dict.fromkeys(('alpha_std', 'sample_clock_alpha_std', 'delay_std', 'delay_slope'), 0.0),
+    **dict.fromkeys((f'alpha_{order}' for order in ('linear', 'quadratic', 'cubic')), 0.0),
+    **dict.fromkeys((f'sample_clock_{order}' for order in ('linear', 'quadratic', 'cubic')), 0.0),
+    **dict.fromkeys(('temperature_low', 'temperature_high'), 0.0),
+    'delay_peer': '',
+    'version': 0,
+}
+"""Fields of StationCalibration that the generator's stations leave open."""
+
+
 class _Messages:
     """Messages of rosbags by short names."""
 
@@ -105,6 +116,7 @@ def _write_calibrations(out: _Messages, scene: Scene, start: int) -> None:
             noise_floor=station.noise_floor,
             phase_noise_level=station.phase_noise_level,
             phase_noise_corner=station.phase_noise_corner,
+            **_NOT_STATED,
         )
 
 

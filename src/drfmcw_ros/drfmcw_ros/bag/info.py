@@ -1,7 +1,9 @@
 """`info RECORDING`: what a recording holds, and whether it can be replayed."""
 
 import dataclasses
+import itertools
 import json
+import statistics
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -12,10 +14,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.sweep import Mode, SweepSettings
+from drfmcw_physics.sweep import Mode, Role, SweepSettings
 
 from ..cli import Parser, guarded
-from ..messages import from_message
+from ..messages import from_message, stamp_ns
 from ..topics import SITE_TOPICS, split_station_topic
 from .files import BagReader
 from .options import add_damage_option
@@ -38,6 +40,7 @@ def describe(path: str) -> dict[str, Any]:
                 calibrations.append(dataclasses.asdict(from_message(message, Calibration)))
         recorded = {c.topic: {'type': c.msgtype, 'messages': c.msgcount} for c in bag.connections}
         stations = sorted(split_station_topic(t)[0] for t in recorded if split_station_topic(t)[1] == 'if_samples')
+        turns = _turns(bag, sweeps)
         return {
             'recording': str(path),
             'start': bag.start_time if bag.message_count else None,
@@ -49,9 +52,39 @@ def describe(path: str) -> dict[str, Any]:
             'damages': bag.damages,
             'topics': recorded,
             'sweep_configs': sweeps,
+            'schedule': turns,
             'calibrations': calibrations,
             'missing': _missing(stations, set(recorded)),
         }
+
+
+def _turns(bag: BagReader, configs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return how pairs took turns, one entry per pair: sweeps of both stations, rate and longest wait.
+
+    Read from the sweeps themselves, so it holds for any hardware. A station that did not answer has fewer sweeps than
+    its partner. Empty where at most one pair measures.
+    """
+    pairs = sorted({(c['station'], c['peer']) for c in configs if c['role'] == Role.FIRST})
+    if len(pairs) < 2:
+        return []
+    stamps: dict[tuple[str, str], list[int]] = {}
+    for topic, _, message in bag.messages({t for t in bag.topics if split_station_topic(t)[1] == 'if_samples'}):
+        station = split_station_topic(topic)[0]
+        stamps.setdefault((station, message.peer), []).append(stamp_ns(message.header.stamp))
+    found = []
+    for first, second in pairs:
+        own, answers = sorted(stamps.get((first, second), [])), len(stamps.get((second, first), []))
+        waits = [b - a for a, b in itertools.pairwise(own)]
+        found.append(
+            {
+                'pair': f'{first}/{second}',
+                'sweeps': len(own),
+                'answers': answers if first != second else len(own),
+                'rate': 1e9 / statistics.median(waits) if waits and statistics.median(waits) else None,
+                'longest_wait': max(waits) * 1e-9 if waits else None,
+            }
+        )
+    return found
 
 
 def _missing(stations: Sequence[str], topics: set[str]) -> list[str]:
@@ -81,6 +114,14 @@ def _show(found: dict[str, Any], console: Console) -> None:
         cells = (*(f'{v:g}' for v in (*row, s['sample_rate'] / 1e6)), str(s['sample_count']))
         settings.add_row(s['station'], s['peer'], Mode(s['mode']).short_name, str(s['role']), *cells)
     console.print(settings)
+    if found['schedule']:
+        turns = Table(
+            *map(escape, ('pair', 'sweeps', 'of the peer', 'rate [Hz]', 'longest wait [s]')), header_style='bold'
+        )
+        for t in found['schedule']:
+            numbers = ('-' if value is None else f'{value:.4g}' for value in (t['rate'], t['longest_wait']))
+            turns.add_row(t['pair'], str(t['sweeps']), str(t['answers']), *numbers)
+        console.print(turns)
     clocks = Table(
         *map(escape, ('station', 'reference [ppm]', 'ADC clock [ppm]', 'at [degC]', 'delay [ns]')),
         *map(escape, ('noise floor [dBm/Hz]', 'phase noise [dBc/Hz]', 'corner [kHz]')),

@@ -53,6 +53,7 @@ class NodeRights:
     node: str
     publish: tuple[str, ...]
     subscribe: tuple[str, ...]
+    reply: tuple[str, ...] = ()  # services
 
     @property
     def enclave(self) -> str:
@@ -61,7 +62,7 @@ class NodeRights:
 
 
 def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRights]:
-    """Return what the stations, the fusion and the recorder of some pairs need, and nothing else.
+    """Return what the nodes of some pairs need, and nothing else: stations, fusion, recorder, gateway, example.
 
     Args:
         pairs: names of the first and the second station of each; equal where a station hears itself.
@@ -73,13 +74,14 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
         peers = sorted({name for pair in pairs if station in pair for name in pair} - {station})
         own = [f'/{station}/{name}' for name in ('sweep_config', 'calibration')]
         results = [f'/{station}/{name}' for name in ('beat_frequency', 'if_spectrum', 'if_samples_compressed')]
-        heard = [f'/{peer}/calibration' for peer in peers]
+        heard = [f'/{peer}/{name}' for peer in peers for name in ('calibration', 'status')]
         if feed:
             results += [*own, f'/{station}/status']
             heard += [f'/{station}/sweep_request', *(f'/{peer}/beat_frequency' for peer in peers)]
         else:
-            heard += [*own, f'/{station}/if_samples', f'/{station}/if_samples_compressed']
-        found.append(NodeRights(f'/{station}', 'station', ('/diagnostics', *results), tuple(heard)))
+            heard += [*own, f'/{station}/status', f'/{station}/if_samples', f'/{station}/if_samples_compressed']
+        services = (f'/{station}/store_calibration',) if feed else ()
+        found.append(NodeRights(f'/{station}', 'station', ('/diagnostics', *results), tuple(heard), services))
     site = ('/site/temperature', '/site/pressure', '/site/humidity')
     of_stations = [
         f'/{station}/{name}'
@@ -92,6 +94,8 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
     recorded = [f'/{station}/{name}' for station in stations for name in ('if_samples', 'if_spectrum')]
     everything = (*site, '/reference/range', '/diagnostics', *of_stations, *recorded, *ranges)
     found.append(NodeRights('/', 'recorder', ('/diagnostics',), everything))
+    controllers = tuple(f'/{first}/{second}/range' for first, second in pairs)
+    found += [NodeRights('/', node, ('/diagnostics',), controllers) for node in ('gateway', 'follow_range')]
     return found
 
 
@@ -105,7 +109,7 @@ def policy(nodes: Sequence[NodeRights]) -> str:
             f'        <profile ns={quoteattr(node.namespace)} node={quoteattr(node.node)}>',
             *_expressions('topics', 'publish', 'topic', ('/rosout', '/parameter_events', *node.publish)),
             *_expressions('topics', 'subscribe', 'topic', ('/parameter_events', '/clock', *node.subscribe)),
-            *_expressions('services', 'reply', 'service', [f'~/{name}' for name in _PARAMETER_SERVICES]),
+            *_expressions('services', 'reply', 'service', [*(f'~/{s}' for s in _PARAMETER_SERVICES), *node.reply]),
             '        </profile>',
             '      </profiles>',
             '    </enclave>',

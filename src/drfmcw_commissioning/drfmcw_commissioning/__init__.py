@@ -1,0 +1,1 @@
+"""From unpacked stations to a commissioned crane: calibration of each station indoors, of the pair on site."""

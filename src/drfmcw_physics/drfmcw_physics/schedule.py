@@ -1,0 +1,133 @@
+"""Time division: which pair of stations measures in which slot, by rates and priorities.
+
+A frame of slots repeats for ever. Every pair has at least one slot in it, so none starves; a slot lasts as long whether
+its pair's stations answer or not, so a silent one costs its own slots and nothing else.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from .settings import ConfigurationError
+
+_LONGEST_FRAME = 1000  # slots; rates are granted to a thousandth of all
+
+
+@dataclasses.dataclass(frozen=True)
+class Demand:
+    """What one pair asks for."""
+
+    rate: float = math.nan  # at least so many sweeps per second; NaN: an equal share of what is left [Hz]
+    priority: int = 0  # the higher one gets its rate first
+
+
+@dataclasses.dataclass(frozen=True)
+class Schedule:
+    """The frame of slots, and what it gives to each pair."""
+
+    frame: tuple[int, ...]  # index of the pair that measures in each slot
+    slot: float  # duration of a slot [s]
+    demands: tuple[Demand, ...]
+
+    @functools.cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Slots of each pair in a frame."""
+        return tuple(self.frame.count(pair) for pair in range(len(self.demands)))
+
+    @functools.cached_property
+    def _before(self) -> np.ndarray:
+        """Slots of each pair before each slot of a frame, and in the whole frame; shape (pairs, slots + 1)."""
+        own = np.array(self.frame)[None, :] == np.arange(len(self.demands))[:, None]
+        return np.concatenate([np.zeros((len(own), 1), np.int64), np.cumsum(own, axis=1)], axis=1)
+
+    def pair(self, number: np.ndarray) -> np.ndarray:
+        """Return the pair that measures in slot `number`, counted from the schedule's start."""
+        return np.array(self.frame)[np.asarray(number) % len(self.frame)]
+
+    def before(self, pair: int, number: np.ndarray | int) -> np.ndarray:
+        """Return how many slots a pair had before slot `number`: in its own slots, the number of its sweep."""
+        frames, position = np.divmod(np.asarray(number, dtype=np.int64), len(self.frame))
+        return frames * self.counts[pair] + self._before[pair][position]
+
+    def index(self, number: np.ndarray) -> np.ndarray:
+        """Return the number of the sweep that a slot is for its own pair."""
+        frames, position = np.divmod(np.asarray(number, dtype=np.int64), len(self.frame))
+        own = np.array(self.frame)[position]
+        return frames * np.array(self.counts)[own] + self._before[own, position]
+
+    def interval(self, pair: int) -> float:
+        """Return the mean time between two sweeps of a pair [s]."""
+        return self.slot * len(self.frame) / self.counts[pair]
+
+    def rate(self, pair: int) -> float:
+        """Return the sweeps per second of a pair [Hz]."""
+        return 1.0 / self.interval(pair)
+
+    def longest_wait(self, pair: int) -> float:
+        """Return the longest time between two sweeps of a pair [s]."""
+        own = np.flatnonzero(np.array(self.frame) == pair)
+        return float(np.diff([*own, own[0] + len(self.frame)]).max()) * self.slot
+
+    def falls_short(self, pair: int) -> bool:
+        """Return whether a pair gets fewer sweeps per second than it asks for."""
+        return self.rate(pair) < self.demands[pair].rate * (1.0 - 1.0 / _LONGEST_FRAME)
+
+
+def schedule(demands: Sequence[Demand], slot: float) -> Schedule:
+    """Return the schedule that grants each pair its rate, in order of priority.
+
+    Pairs without a rate share what is left alike; what is left after that goes to all in proportion. Without any rate
+    the pairs take turns. Slots of a pair are spread over the frame as evenly as they fit.
+
+    Args:
+        demands: of each pair.
+        slot: time that one measurement takes [s].
+
+    Raises:
+        ConfigurationError: there are more pairs than slots of a frame.
+    """
+    if len(demands) > _LONGEST_FRAME:
+        raise ConfigurationError(f'{len(demands)} pairs, at most {_LONGEST_FRAME} can take turns')
+    if all(math.isnan(demand.rate) for demand in demands):
+        return Schedule(tuple(range(len(demands))), slot, tuple(demands))
+    counts = _counts(demands, slot)
+    divisor = math.gcd(*counts)
+    return Schedule(_spread([count // divisor for count in counts]), slot, tuple(demands))
+
+
+def _counts(demands: Sequence[Demand], slot: float) -> list[int]:
+    """Return the slots of each pair in the longest frame."""
+    counts = [1] * len(demands)
+    free = _LONGEST_FRAME - len(demands)
+    rated = [k for k, demand in enumerate(demands) if not math.isnan(demand.rate)]
+    for k in sorted(rated, key=lambda k: (-demands[k].priority, k)):
+        wanted = math.ceil(demands[k].rate * slot * _LONGEST_FRAME - 1e-9) - 1
+        granted = max(0, min(wanted, free))
+        counts[k] += granted
+        free -= granted
+    others = [k for k, demand in enumerate(demands) if math.isnan(demand.rate)]
+    if others:
+        for position, k in enumerate(others):
+            counts[k] += free // len(others) + (position < free % len(others))
+        return counts
+    total = sum(counts)
+    shares = [free * count // total for count in counts]
+    return [count + share for count, share in zip(counts, shares, strict=True)]
+
+
+def _spread(counts: Sequence[int]) -> tuple[int, ...]:
+    """Return a frame in which pair k has counts[k] slots, as evenly as they fit.
+
+    The frame is cut into counts[k] windows of equal length; pair k has one slot in each. Earliest deadline first finds
+    such a frame, because one exists (Baruah, Cohen, Plaxton, Varvel 1996: proportionate progress).
+    """
+    total, done, frame = sum(counts), [0] * len(counts), []
+    for slot in range(total):
+        released = [k for k, count in enumerate(counts) if done[k] < count and done[k] * total // count <= slot]
+        chosen = min(released, key=lambda k: (-(-(done[k] + 1) * total // counts[k]), k))
+        done[chosen] += 1
+        frame.append(chosen)
+    return tuple(frame)

@@ -1,0 +1,118 @@
+"""A controller beside a graph of real processes: what it reads, and what it reads when fusion dies and comes back."""
+
+import asyncio
+import math
+import os
+import signal
+import socket
+import struct
+import time
+
+import pytest
+from test_graph import LIMIT, STANDING, scenario_file, site
+
+from drfmcw_bringup.graph import FOLLOWER, FUSION, GATEWAY, parameters
+from drfmcw_gateway.quantities import BLOCK, PAIR_QUANTITIES, offsets
+from drfmcw_gateway.reading import STATES, Quality
+from drfmcw_ros import qos
+
+pytestmark = pytest.mark.graph
+
+pytest.importorskip('asyncua')
+pytest.importorskip('pymodbus')
+
+START_LIMIT = 120.0  # on a busy machine [s]
+DISTANCE = 100.0  # of STANDING [m]
+AT = offsets(PAIR_QUANTITIES)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return probe.getsockname()[1]
+
+
+def block(port):
+    """(quality, counter, range [m], standard deviation [m]) by a bare Modbus request, None while nobody answers."""
+    try:
+        with socket.create_connection(('127.0.0.1', port), 10.0) as connection:
+            connection.sendall(struct.pack('>HHHBBHH', 1, 0, 6, 1, 4, BLOCK, 12))
+            data = connection.recv(9 + 24, socket.MSG_WAITALL)[9:]
+    except OSError:
+        return None
+    formats = {'quality': '>H', 'counter': '>I', 'range': '>f', 'range_std': '>f'}
+    return tuple(struct.unpack_from(form, data, 2 * AT[name])[0] for name, form in formats.items())
+
+
+def wait_for_gateway(live, port):
+    """Wait until the gateway answers: making the address space of OPC UA takes seconds of processor time."""
+    process, end = live.graph.members['gateway'].process, time.monotonic() + START_LIMIT
+    while block(port) is None:
+        assert process.poll() is None and time.monotonic() < end, live.logs()
+        time.sleep(0.1)
+
+
+def opcua(port, name):
+    """(value, status) by asyncua's client."""
+    from asyncua import Client, ua
+
+    async def read():
+        async with Client(f'opc.tcp://127.0.0.1:{port}/drfmcw/') as client:
+            index = await client.get_namespace_index('urn:drfmcw:gateway')
+            node = client.get_node(ua.NodeId(f'master/slave/{name}', index))
+            data = await node.read_data_value(raise_on_bad_status=False)
+            return (data.Value.Value if data.Value is not None else None), data.StatusCode
+
+    return asyncio.run(asyncio.wait_for(read(), LIMIT))
+
+
+def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
+    """Gateway and example subscriber, beside a recorder, which the deadline that fusion offers does not disturb."""
+    ports = {'modbus_port': free_port(), 'opcua_port': free_port()}
+    path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.05})
+    generous = {'timeout': 1.0, 'age_limit': 20.0}  # the machine may be busy
+    with site(tmp_path) as live:
+        live.graph.start('gateway', GATEWAY, *parameters({**ports, **generous, 'lost_time': 3.0}))
+        live.graph.start('follower', FOLLOWER, *parameters({**generous, 'margin': 1.0}))
+        wait_for_gateway(live, ports['modbus_port'])
+        live.start(path, {}, tmp_path / 'recording')
+
+        def state():
+            found = block(ports['modbus_port'])
+            return found[0] & STATES if found else None
+
+        live.wait(lambda: state() == Quality.VALID, 'a valid range in Modbus')
+        _, counter, metres, std = block(ports['modbus_port'])
+        assert metres == pytest.approx(DISTANCE, abs=5.0 * std)  # P(false failure) < 1e-6
+        value, status = opcua(ports['opcua_port'], 'range')
+        assert status.is_good() and value == pytest.approx(DISTANCE, abs=5.0 * std)
+        live.wait(lambda: 'drive: the range is valid' in live.log('follower'), 'the follower to drive')
+        live.wait(lambda: live.value('gateway: Modbus', 'requests') not in ('', '0'), 'diagnostics of the gateway')
+        live.wait(lambda: float(live.value('recorder: Recording', '/master/slave/range') or 0) > 0, 'a recorded range')
+
+        os.kill(live.graph.members['fusion'].process.pid, signal.SIGKILL)
+        live.wait(lambda: state() == Quality.STALE, 'silence in Modbus')
+        assert math.isnan(block(ports['modbus_port'])[2])
+        live.wait(lambda: opcua(ports['opcua_port'], 'range')[1].name == 'BadNoCommunication', 'silence in OPC UA')
+        live.wait(lambda: 'stop: no range within 1 s' in live.log('follower'), 'the follower to stop')
+        live.wait(lambda: "stop: fusion's process is gone" in live.log('follower'), 'the lost publisher')
+
+        live.graph.start('fusion again', FUSION, '--pair', 'master/slave')
+        live.wait(lambda: state() == Quality.VALID, 'valid ranges again')
+        assert block(ports['modbus_port'])[1] > counter
+        live.wait(lambda: live.log('follower').count('drive: the range is valid') == 2, 'the follower to drive again')
+
+
+def test_subscriber_that_asks_for_more_than_is_offered_is_warned(tmp_path):
+    """It would never get a range; and the offer can be changed by a parameter."""
+    asked = {'deadline': qos.RANGE_DEADLINE / 2.0}
+    with site(tmp_path) as live:
+        live.graph.start('fusion', FUSION, '--pair', 'master/slave')
+        live.graph.start('follower', FOLLOWER, *parameters(asked))
+        live.wait(lambda: 'offers a longer deadline than is asked for' in live.log('follower'), 'the warning')
+        live.graph.stop('fusion')
+        override = {'qos_overrides./master/slave/range.publisher.deadline': round(1e9 * asked['deadline'])}
+        live.graph.start('generous fusion', FUSION, '--pair', 'master/slave', *parameters(override))
+        live.wait(
+            lambda: live.value('follow_range: Range master/slave', 'publishers alive') == '1', 'a publisher that fits'
+        )
