@@ -12,7 +12,7 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import candidates, recipes
+from drfmcw_diagnosis.search.bank import Candidate, candidates, recipes
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.scanners import SCANNERS, starting_points
@@ -171,6 +171,26 @@ def test_a_rhythm_of_random_phase_is_left_over(tmp_path):
     worst = leftovers(Fitting(comparison), None)[0]
     assert (worst.kind, comparison.channels[worst.station].words) == ('flutter', 'IF amplitude over the sweep')
     assert worst.probability < 1e-4
+
+
+def test_a_modulation_of_random_phase_has_its_size_and_frequency(tmp_path):
+    """Fitted to the scatter of the sweeps from where the scanner begins: within 4 standard deviations of the truth."""
+    truth = {'deviation': 500.0, 'rate': 13000.0}
+    hum = Applied('frequency_modulation', 'slave', truth)
+    comparison = Comparison(read_dataset(recorded(tmp_path / 'r', 105, hum)))
+    fitting, recipe = Fitting(comparison), Effect.registry['frequency_modulation'].recipes[0]
+    begun = dict(recipe.start) | starting_points(comparison, comparison.residual, recipe, 1)[0]
+    assert abs(begun['rate'] - truth['rate']) < 500.0
+    begun['deviation'] = 100.0
+    fitted = fitting.fit([(Candidate('frequency_modulation', 'slave', recipe, begun), begun)])
+    fitting.trust(fitted)
+    fitted = fitting.fit(fitted.start)
+    (effect,) = fitted.effects
+    allowed = {'deviation': np.hypot(effect.stds['deviation'], recipe.trust['deviation'] * truth['deviation'])}
+    for name, expected in truth.items():
+        assert abs(effect.values[name] - expected) < 4.0 * allowed.get(name, effect.stds[name])
+    assert effect.values['deviation'] > 10.0 * effect.stds['deviation']
+    assert leftovers(fitting, fitted)[0].probability > 1e-4
 
 
 def test_an_event_is_left_over_beside_what_imitates_it():

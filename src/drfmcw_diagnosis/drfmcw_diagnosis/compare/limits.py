@@ -113,6 +113,10 @@ class ScatterLimits:
     wander_sweeps: int = 7
     """Consecutive sweeps whose bends show how the carrier phase wanders; chosen."""
 
+    noisy: float = 3.0
+    """Power of a sweep's ramp over that of the median one, beyond which it counts less; chosen: a modulation of random
+    phase makes sweeps scatter by less."""
+
     flutter_median: int = 31
     """Terms over which the variance around one is taken; chosen."""
 

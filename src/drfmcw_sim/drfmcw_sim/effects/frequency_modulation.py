@@ -34,6 +34,7 @@ class FrequencyModulation(Effect, name='frequency_modulation', of=Of.STATION):
             scanned='rate',
             cells=60,
             repeats=True,
+            trust={'deviation': 0.1},  # it raises the noise around it too, which it is compared with
         ),
     )
 

@@ -152,7 +152,7 @@ def _over_neighbours(ramp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     squares = (ramp - ramp.mean(axis=0)) ** 2
     power = squares[..., SCATTER.steady :].mean(axis=-1, keepdims=True)
     # a single noisy sweep must not determine how all scatter
-    weight = np.minimum(np.median(power, axis=0) / power, 1.0)
+    weight = np.minimum(SCATTER.noisy * np.median(power, axis=0) / power, 1.0)
     variance = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
     trend = _trend(variance)
     steady = local_noise(variance[:, SCATTER.steady :] / trend[:, SCATTER.steady :], SCATTER.flutter_median)
