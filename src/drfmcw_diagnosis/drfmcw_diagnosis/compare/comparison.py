@@ -163,7 +163,7 @@ class Comparison:
     def outcomes(self, effects: Sequence[Effect]) -> list[np.ndarray]:
         """Return `template` with the random phases of effects scattered by a standard deviation, in each way."""
         count = sum(e.fluctuates for e in effects)
-        return [self._altered(effects, outcome=number) for number in range(2 * count)]
+        return [self._altered(effects, outcome=number) for number in range(4 * count)]
 
     def _altered(
         self, effects: Sequence[Effect], displaced: bool = False, outcome: int | None = None

@@ -92,10 +92,24 @@ class Expected:
     @functools.cached_property
     def fluttering(self) -> np.ndarray | None:
         """Variance of the ramp's terms over the phases of effects that fluctuate (G, 2 S, K), None without any."""
-        if not any(e.fluctuates for e in self.effects):
-            return None
-        variance, scatter = self.model.simulated.fluttering(self.part, [e for e in self.effects if not e.bursts])
-        return variance if self._outcome is None else variance + scatter[self._outcome]
+        return self._of_phases[1] if any(e.fluctuates for e in self.effects) else None
+
+    @functools.cached_property
+    def ramp(self) -> np.ndarray:
+        """Mean of the ramp's terms (G, 2 S, K)."""
+        mean = ramp_spectrum(self.features.ramp)
+        return mean if self._outcome is None else mean + self._of_phases[0]
+
+    @functools.cached_property
+    def _of_phases(self) -> tuple[np.ndarray | float, np.ndarray]:
+        """What random phases add to the mean of the ramp's terms, and their variance; see `outcome`."""
+        effects = [e for e in self.effects if not e.bursts]
+        variance, *scatter = self.model.simulated.fluttering(self.part, effects)
+        if self._outcome is None:
+            return 0.0, variance
+        of_variance, number = divmod(self._outcome, len(scatter[0]))
+        added = scatter[of_variance][number]
+        return (0.0, variance + added) if of_variance else (added, variance)
 
     def samples(self, noise: bool = False) -> tuple[np.ndarray, ...]:
         """Return one simulated sweep per group, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""

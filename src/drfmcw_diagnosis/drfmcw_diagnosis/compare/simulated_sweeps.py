@@ -38,20 +38,22 @@ class SimulatedSweeps:
         each = [self._noise_free(part, tuple(e.in_one_sweep(turn) for e in seen)) for turn in turns]
         return each[0] if len(each) == 1 else _mean(_joined(each), len(each))
 
-    def fluttering(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+    def fluttering(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the variance of the ramp's terms over the random phases of effects, without noise, and its scatter.
 
-        A group's sweeps have some phases by chance: the mean square of their cosines is not that of their sines.
+        A group's sweeps have some phases by chance: the mean of their cosines and sines is not quite zero, nor the mean
+        square of one that of the other.
 
         Returns:
-            variance over all phases (G, 2 S, K), and independent standard deviations of that of a group's sweeps, two
-            of each effect that fluctuates (2 E, G, 2 S, K).
+            variance over all phases (G, 2 S, K), and independent standard deviations of the mean and of the variance
+            of a group's sweeps, two of each effect that fluctuates (2 E, G, 2 S, K).
         """
         seen = _seen(effects)
         at_start = tuple(e.in_one_sweep(SIMULATION.turns[0]) for e in seen)
         counts = np.array([len(self._recorded.members[g]) for g in part.groups])[:, None, None]
         turn = 2.0 * np.pi * np.array(SIMULATION.turns)
-        total, scatter = np.zeros_like(self._noise_free(part, at_start).ramp, dtype=float), []
+        total = np.zeros_like(self._noise_free(part, at_start).ramp, dtype=float)
+        of_mean, of_variance = [], []
         for number, effect in enumerate(seen):
             if effect.fluctuates:  # the phases of several are independent
                 before, after = at_start[:number], at_start[number + 1 :]
@@ -59,8 +61,9 @@ class SimulatedSweeps:
                 terms = np.array([ramp_spectrum(self._noise_free(part, each).ramp) for each in turned])
                 cosine, sine = (np.tensordot(wave(turn), terms, 1) * 2.0 / len(turn) for wave in (np.cos, np.sin))
                 total = total + (cosine**2 + sine**2) / 2.0
-                scatter += [(cosine**2 - sine**2) / np.sqrt(8.0 * counts), 2.0 * cosine * sine / np.sqrt(8.0 * counts)]
-        return total, np.array(scatter)
+                of_mean += [wave / np.sqrt(2.0 * counts) for wave in (cosine, sine)]
+                of_variance += [x / np.sqrt(8.0 * counts) for x in (cosine**2 - sine**2, 2.0 * cosine * sine)]
+        return total, np.array(of_mean), np.array(of_variance)
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from ...features.extractor import gaussian, local_noise, median_of_mean, ramp_spectrum
+from ...features.extractor import gaussian, local_noise, median_of_mean
 from ..limits import MODEL, SCATTER
 from ..measuring import Evidence
 from ..predicting import Expected
@@ -50,7 +50,7 @@ class Ramp(_OfChannels):
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the series of simulated sweeps."""
-        return ramp_spectrum(expected.features.ramp)
+        return expected.ramp
 
     def chances(self, left: chances.Remainder) -> list[float]:
         """Look also at what all groups have in common, and for events within the sweep."""
