@@ -12,6 +12,7 @@ from estimation import bench_estimation
 from figures import Figure, number
 from gateway import bench_gateway
 from graph import bench_graph
+from host import bench_host
 from rich.console import Console
 from rich.table import Table
 from simulation import bench_simulation
@@ -24,6 +25,7 @@ BENCHMARKS = {
     'accuracy': bench_accuracy,
     'graph': bench_graph,
     'gateway': bench_gateway,
+    'host': bench_host,
 }
 _REPORT = 'report'
 

@@ -172,7 +172,7 @@ def recorded_drive(tmp_path_factory):
         assert live.wait_for_end('simulator') == 0, live.logs()
         sweeps = int(re.search(r'scenario ended after (\d+) sweeps', live.log('simulator'))[1])
         live.wait(lambda: live.monitor.total >= sweeps, f'{sweeps} ranges')
-        written = ('recorder: Recording', '/master/slave/range')
+        written = ('/recorder: Recording', '/master/slave/range')
         live.wait(lambda: live.value(*written) == str(sweeps), f'{sweeps} ranges in the recording')
         live.graph.stop()
     return live, live.monitor.arrivals, recording, sweeps
@@ -239,14 +239,14 @@ def test_every_node_reports_diagnostics(recorded_drive):
     live, _, _, _ = recorded_drive
     found = set(live.diagnostics)
     wanted = {
-        ('simulator', 'simulator: Scenario'),
-        ('master', 'station: Sweeps'), ('master', 'station: Source'),
-        ('slave', 'station: Sweeps'), ('slave', 'station: Source'),
-        ('fusion', 'fusion: Range master/slave'), ('fusion', 'fusion: Pairing'),
-        ('recorder', 'recorder: Recording'),
+        ('simulator', '/simulator: Scenario'),
+        ('master', '/master/station: Sweeps'), ('master', '/master/station: Source'),
+        ('slave', '/slave/station: Sweeps'), ('slave', '/slave/station: Source'),
+        ('fusion', '/fusion: Range master/slave'), ('fusion', '/fusion: Pairing'),
+        ('recorder', '/recorder: Recording'),
     }  # fmt: skip
     assert wanted <= found
-    assert live.value('station: Sweeps', 'dropped') == '0'
+    assert live.value('/master/station: Sweeps', 'dropped') == '0'
 
 
 # --- both stations evaluated together ---
@@ -271,10 +271,10 @@ def joint_drive(tmp_path_factory):
     with site(directory) as live:
         start_nodes(live.graph, read_scenario(path), recording, estimator='pair')
         matched = [  # each topic on its own: what is sent before is lost
-            ('pair_station: Source', f'publishers of {PACKED}', 1),
-            ('pair_station: Sweeps', 'subscribers of /master/beat_frequency', 2),  # fusion and recorder
-            ('pair_station: Sweeps', 'subscribers of /slave/beat_frequency', 2),
-            ('station: Sweeps', f'subscribers of {PACKED}', 2),  # the pair's node and recorder
+            ('/master/pair_station: Source', f'publishers of {PACKED}', 1),
+            ('/master/pair_station: Sweeps', 'subscribers of /master/beat_frequency', 2),  # fusion and recorder
+            ('/master/pair_station: Sweeps', 'subscribers of /slave/beat_frequency', 2),
+            ('/slave/station: Sweeps', f'subscribers of {PACKED}', 2),  # the pair's node and recorder
         ]
         for name, key, count in matched:
             live.wait(lambda n=name, k=key, c=count: live.value(n, k) == str(c), f'{count} {key}')
@@ -284,7 +284,7 @@ def joint_drive(tmp_path_factory):
         assert live.wait_for_end('simulator') == 0, live.logs()
         sweeps = int(re.search(r'scenario ended after (\d+) sweeps', live.log('simulator'))[1])
         live.wait(lambda: live.monitor.total >= sweeps, f'{sweeps} ranges')
-        written = ('recorder: Recording', '/master/slave/range')
+        written = ('/recorder: Recording', '/master/slave/range')
         live.wait(lambda: live.value(*written) == str(sweeps), f'{sweeps} ranges in the recording')
         live.graph.stop('recorder')
         yield live, recording, sweeps
@@ -311,9 +311,9 @@ class TestJointDrive:
     def test_sweep_without_partner_is_not_kept_waiting(self, joint_drive):
         """When nothing else comes either, it still gives its beat frequency; until then none was without partner."""
         live, recording, sweeps = joint_drive
-        live.wait(lambda: live.value('pair_station: Pairs', 'pairs') == str(sweeps), 'the count of pairs')
-        assert live.value('pair_station: Pairs', 'sweeps without partner') == '0'
-        assert live.value('pair_station: Sweeps', 'dropped') == '0'
+        live.wait(lambda: live.value('/master/pair_station: Pairs', 'pairs') == str(sweeps), 'the count of pairs')
+        assert live.value('/master/pair_station: Pairs', 'sweeps without partner') == '0'
+        assert live.value('/master/pair_station: Sweeps', 'dropped') == '0'
         beats: list[BeatFrequency] = []
         subscription = live.monitor.create_subscription(
             BeatFrequency, '/master/beat_frequency', beats.append, qos.RELIABLE
@@ -334,7 +334,8 @@ class TestJointDrive:
             return any(b.sweep_id >= sweeps for b in list(beats))
 
         live.wait(answered, 'the beat frequency of a sweep without partner')
-        live.wait(lambda: live.value('pair_station: Pairs', 'sweeps without partner') != '0', 'the count of those')
+        alone = ('/master/pair_station: Pairs', 'sweeps without partner')
+        live.wait(lambda: live.value(*alone) != '0', 'the count of those')
 
 
 # --- a graph that runs on ---
@@ -483,7 +484,11 @@ def test_published_recording_gives_the_offline_ranges(tmp_path):
         live.graph.start('fusion', FUSION)
         for station in ('master', 'slave'):
             live.graph.start(f'station_{station}', STATION, '--station', station)
-        heard = {('fusion', 'fusion: Pairing'), ('master', 'station: Sweeps'), ('slave', 'station: Sweeps')}
+        heard = {
+            ('fusion', '/fusion: Pairing'),
+            ('master', '/master/station: Sweeps'),
+            ('slave', '/slave/station: Sweeps'),
+        }
         live.wait(lambda: heard <= live.diagnostics.keys(), 'stations and fusion')
         live.graph.start('player', REPLAY, str(PRACTICE), '--publish', '--rate', '0')
         assert live.wait_for_end('player') == 0, live.logs()

@@ -95,7 +95,7 @@ def test_policy_names_topics_of_the_contract_and_no_others():
         named = {element.text for element in tree.iter('topic')}
         stations = {f'/{s}/{t}' for s in ('master', 'slave', 'tower') for t in STATION_TOPICS}
         ranges = {f'/{a}/{b}/{t}' for a, b in PAIRS for t in PAIR_TOPICS}
-        others = {'/rosout', '/parameter_events', '/clock', '/diagnostics'}
+        others = {'/rosout', '/parameter_events', '/clock', '/diagnostics', '~/transition_event'}
         assert named <= stations | ranges | set(SITE_TOPICS) | others
         assert ranges <= named
 
@@ -136,4 +136,4 @@ def test_units_are_what_systemd_takes(tmp_path):
     done = subprocess.run(
         ['systemd-analyze', 'verify', '--man=no', *names], capture_output=True, text=True, timeout=60, check=False
     )
-    assert len(names) == 3 and not [line for line in done.stderr.splitlines() if 'drfmcw' in line], done.stderr
+    assert len(names) == 5 and not [line for line in done.stderr.splitlines() if 'drfmcw' in line], done.stderr

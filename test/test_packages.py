@@ -18,23 +18,38 @@ PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/setup.py'))
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'cryptography': 'python3-cryptography',
+    'fastapi': 'python3-fastapi',
     'h5py': 'python3-h5py',
     'hypothesis': 'python3-hypothesis',
     'jinja2': 'python3-jinja2',
     'markupsafe': 'python3-jinja2',  # rosdep has no key of its own for it; Jinja cannot be without it
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
+    'orjson': 'python3-orjson',
     'psutil': 'python3-psutil',
     'pytest': 'python3-pytest',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'soundfile': 'python3-soundfile',
+    'starlette': 'python3-fastapi',  # which is made of it
+    'uvicorn': 'python3-uvicorn',
     'yaml': 'python3-yaml',
 }
 """Python module and its key in rosdep/python.yaml of github.com/ros/rosdistro; a ROS package is its own key."""
-NO_KEY = {'asyncua', 'distributed', 'pyarrow', 'pymodbus', 'pyvisa', 'zarr'}
-"""Optional, and unknown to rosdep or too old in it (docs/dependencies.md)."""
+NO_KEY = {
+    'argon2',
+    'asyncua',
+    'distributed',
+    'itsdangerous',
+    'nicegui',
+    'playwright',
+    'pyarrow',
+    'pymodbus',
+    'pyvisa',
+    'zarr',
+}
+"""Unknown to rosdep or too old in it (docs/dependencies.md); optional, or of host and gateway (wheels)."""
 NOT_IMPORTED = {'drfmcw_bringup': {'ros2launch'}}
 """What a package needs beside its imports: the command that runs its launch files."""
 NAMED = re.compile(r'(drfmcw_[a-z]+(?=\.\w+)|(drfmcw|std|sensor|diagnostic)_msgs(?=/msg/))[\w./]*$')
@@ -105,6 +120,16 @@ def test_colcon_test_runs_the_tests_of_each_package(package):
     )
     done = subprocess.run([sys.executable, '-c', code], cwd=package, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ['pytest']
+
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('src/*/package.xml')), ids=lambda path: path.parent.name)
+def test_every_package_has_a_changelog_that_catkin_reads(path):
+    """Title as catkin_generate_changelog writes it; a section for what is not released, or for the version."""
+    text = (path.parent / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    title = f'Changelog for package {path.parent.name}'
+    assert text.startswith(f'{"^" * len(title)}\n{title}\n{"^" * len(title)}\n')
+    version = str(ElementTree.parse(path).findtext('version'))
+    assert re.search(rf'^(Forthcoming|{re.escape(version)} \(.*\))\n-+\n\* ', text, re.MULTILINE)
 
 
 def test_tests_have_names_of_their_own():

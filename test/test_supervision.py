@@ -181,7 +181,7 @@ def test_spoofed_beats_are_refused_with_the_reason(tmp_path):
             lambda: any(
                 'two nodes publish on /master/beat_frequency' in d.message
                 for (_, name), d in list(s.diagnostics.items())
-                if name == 'fusion: Inputs'
+                if name == '/fusion: Inputs'
             ),
             'the refusal',
         )

@@ -16,6 +16,8 @@ setup(
         ('share/' + NAME + '/launch', sorted(glob('launch/*.launch.py'))),
         ('share/' + NAME + '/config', sorted(glob('config/*.yaml'))),
         ('share/' + NAME + '/config/hardware', sorted(glob('config/hardware/*.yaml'))),
+        ('share/' + NAME + '/config/tools', sorted(glob('config/tools/*'))),
+        ('share/' + NAME + '/urdf', sorted(glob('urdf/*'))),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
@@ -28,6 +30,7 @@ setup(
         'console_scripts': [
             'run = drfmcw_bringup.run:main',
             'demo = drfmcw_bringup.demo:main',
+            'doctor = drfmcw_bringup.doctor.command:main',
         ],
     },
 )

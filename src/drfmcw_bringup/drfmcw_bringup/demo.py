@@ -20,9 +20,9 @@ from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 from drfmcw_sim.timeline import Timeline
 
-from .graph import Graph, private_environment
+from .graph import HOST, Graph, private_environment
 from .monitor import monitored
-from .run import pair_names, start_graph
+from .run import joining, pair_names, start_graph, watch
 
 _START_LIMIT = 40.0  # until the first range arrives, on a machine that is busy otherwise [s]
 
@@ -99,11 +99,38 @@ def drive(scenario_path: Path, scenario: Scenario, output: Output, console: Cons
         progress.update(task, completed=monitor.total)
 
 
+def stay(scenario_path: Path, scenario: Scenario, output: Output, port: int, console: Console) -> int:
+    """Run the graph again, in real time and over and over, with the host's page beside it, until Ctrl-C.
+
+    Raises:
+        ConfigurationError: the page could not be served.
+    """
+    pairs = pair_names(scenario)
+    environment = private_environment()
+    with Graph(environment, output.logs) as graph, monitored(pairs, int(environment['ROS_DOMAIN_ID'])) as monitor:
+        state = str(output.directory / 'host')
+        host = graph.start('host', HOST, '--port', str(port), '--state', state)
+        start_graph(graph, scenario_path, scenario, {'at_end': 'loop'}, monitor, None, True)
+        end = time.monotonic() + _START_LIMIT
+        while not graph.last_words(host).startswith('host: '):
+            if host.process.poll() is not None or time.monotonic() > end:
+                raise ConfigurationError(f'the page failed: {graph.last_words(host)} (see {output.logs})')
+            time.sleep(0.1)
+        console.print(joining(environment), highlight=False, soft_wrap=True)
+        address = graph.last_words(host).removeprefix('host: ')
+        console.print(f'the graph goes on until Ctrl-C; open {address} in a browser', highlight=False)
+        return watch(graph, monitor, pairs, console)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     parser = Parser(prog='drfmcw demo', description=__doc__)
     parser.add_argument('--scenario', default='crane', help='scenario: YAML file or name in config/ (crane)')
     parser.add_argument('--out', type=Path, default=Path('drfmcw-demo'), help='directory of the output (drfmcw-demo)')
+    parser.add_argument(
+        '--stay', action='store_true', help="then keep the graph running in real time and serve the host's page"
+    )
+    parser.add_argument('--port', type=int, default=8400, metavar='N', help='of the page (8400); 0: a free one')
     arguments = parser.parse_args(argv)
 
     def work() -> int:
@@ -122,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = compare_with_recorded(str(output.recording), replay.results, console)
         write_plot(replay.results, replay.reference, rows, path.stem, output.plot)
         console.print(f'recording: {output.recording}\nplot:      {output.plot}', highlight=False)
-        return status
+        return stay(path, scenario, output, arguments.port, console) if arguments.stay else status
 
     return guarded('drfmcw demo', work)
 

@@ -22,6 +22,7 @@ from drfmcw_physics.settings import ConfigurationError
 SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drfmcw_fusion.fusion'
 PAIR_STATION, RECORDER, REPLAY = 'drfmcw_node.pair_station', 'drfmcw_ros.bag.record', 'drfmcw_fusion.replay'
 GATEWAY, FOLLOWER = 'drfmcw_gateway.gateway', 'drfmcw_gateway.follow_range'
+HOST = 'drfmcw_host.host'
 """Modules that run as processes."""
 
 _STOP_LIMIT = 20.0  # for a clean end after SIGINT; a recorder may have much to write [s]
@@ -65,9 +66,9 @@ def private_environment() -> dict[str, str]:
     return os.environ | {'ROS_DOMAIN_ID': str(free_domain_id()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
-def parameters(values: Mapping[str, object]) -> list[str]:
-    """Return the ROS arguments that set parameters to `values` (strings, numbers, booleans)."""
-    arguments = ['--ros-args']
+def parameters(values: Mapping[str, object], file: Path | None = None) -> list[str]:
+    """Return the ROS arguments that set parameters to those of a file, and to `values` (strings, numbers, booleans)."""
+    arguments = ['--ros-args', *(('--params-file', str(file)) if file is not None else ())]
     for name, value in values.items():
         text = (
             str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)

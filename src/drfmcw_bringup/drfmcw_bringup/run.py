@@ -29,7 +29,12 @@ def pair_names(scenario: Scenario) -> list[str]:
 
 
 def start_nodes(
-    graph: Graph, scenario: Scenario, record: Path | None = None, keep_alive: bool = False, estimator: str | None = None
+    graph: Graph,
+    scenario: Scenario,
+    record: Path | None = None,
+    keep_alive: bool = False,
+    estimator: str | None = None,
+    file: Path | None = None,
 ) -> None:
     """Start recorder, fusion and everything between fusion and simulator.
 
@@ -42,6 +47,7 @@ def start_nodes(
         record: recording to write, None for none.
         keep_alive: restart stations, fusion and recorder when they die.
         estimator: of the stations; None takes their default.
+        file: with parameters of stations and fusion, in ROS's format; None for none.
 
     Raises:
         ConfigurationError: estimator 'pair', and a station hears itself.
@@ -54,15 +60,16 @@ def start_nodes(
         resume = ('--resume',) if keep_alive else ()  # after a restart
         graph.start('recorder', RECORDER, str(record), *resume, keep_alive=keep_alive, optional=True)
     pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
-    graph.start('fusion', FUSION, *pairs, keep_alive=keep_alive)
+    given = parameters({}, file) if file is not None else []
+    graph.start('fusion', FUSION, *pairs, *given, keep_alive=keep_alive)
     stations, settings = list(scenario.stations), {'estimator': estimator} if estimator else {}
     if estimator == 'pair':
         stations, settings = sorted({pair.second for pair in scenario.pairs}), {'output': 'compressed'}
         for first in dict.fromkeys(pair.first for pair in scenario.pairs):
             seconds = ','.join(pair.second for pair in scenario.pairs if pair.first == first)
             names = ('--first', first, '--second', seconds)
-            graph.start(f'pair_station_{first}', PAIR_STATION, *names, keep_alive=keep_alive)
-    options = parameters(settings) if settings else []
+            graph.start(f'pair_station_{first}', PAIR_STATION, *names, *given, keep_alive=keep_alive)
+    options = parameters(settings, file) if settings else given
     for station in stations:
         graph.start(f'station_{station}', STATION, '--station', station, *options, keep_alive=keep_alive)
 
@@ -76,6 +83,7 @@ def start_graph(
     record: Path | None = None,
     keep_alive: bool = False,
     estimator: str | None = None,
+    file: Path | None = None,
 ) -> None:
     """Start the nodes of a scenario, and its simulator once the monitor hears the fusion.
 
@@ -88,8 +96,9 @@ def start_graph(
         record: as for `start_nodes`, like the following.
         keep_alive: see there.
         estimator: see there; raises as there.
+        file: see there.
     """
-    start_nodes(graph, scenario, record, keep_alive, estimator)
+    start_nodes(graph, scenario, record, keep_alive, estimator, file)
     monitor.wait_for_publishers(_DISCOVERY_LIMIT)
     settings = {'scenario': str(scenario_path), 'listeners': 1 if record is None else 2} | simulator
     graph.start('simulator', SIMULATOR, *parameters(settings))
@@ -126,6 +135,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         '--network', action='store_true', help="use the environment's ROS domain, not one of its own on this machine"
     )
     parser.add_argument('--estimator', choices=_ESTIMATOR.choices, help=_ESTIMATOR.description)
+    parser.add_argument(
+        '--parameters', type=Path, metavar='FILE', help='ROS parameter file of all nodes, as the host saves it'
+    )
     arguments = parser.parse_args(argv)
 
     def work() -> int:
@@ -135,6 +147,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise ConfigurationError(f'--rate = {arguments.rate:g} must be above zero')
         if arguments.record is not None and arguments.record.exists():
             raise ConfigurationError(f'{arguments.record}: exists already, not overwriting')
+        if arguments.parameters is not None and not arguments.parameters.is_file():
+            raise ConfigurationError(f'--parameters {arguments.parameters}: no such file')
         simulator: dict[str, object] = {'rate': arguments.rate, 'at_end': 'loop' if arguments.loop else 'exit'}
         if arguments.fast:
             simulator['pace'] = 'subscribers'
@@ -145,7 +159,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             console.print(joining(environment), highlight=False, soft_wrap=True)
         domain = None if arguments.network else int(environment['ROS_DOMAIN_ID'])
         with Graph(environment) as graph, monitored(pairs, domain) as monitor:
-            start_graph(graph, path, scenario, simulator, monitor, arguments.record, True, arguments.estimator)
+            start_graph(
+                graph,
+                path,
+                scenario,
+                simulator,
+                monitor,
+                arguments.record,
+                True,
+                arguments.estimator,
+                arguments.parameters,
+            )
             return watch(graph, monitor, pairs, console)
 
     return guarded('drfmcw run', work)

@@ -1,26 +1,34 @@
-"""A whole simulated site: simulator, one process per station, fusion.
+"""A whole site: one process per station and fusion, with a simulator in place of the hardware or without.
 
 ros2 launch drfmcw_bringup crane.launch.py scenario:=tdma
+ros2 launch drfmcw_bringup crane.launch.py simulate:=false parameters:=two_stations.yaml
 """
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from drfmcw_bringup import launching
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import read_scenario
 from launch import LaunchDescription
 
 
 def generate_launch_description():
-    """Declare the arguments; the nodes follow from the scenario."""
+    """Declare the arguments; the nodes follow from the scenario or the parameter file."""
     return LaunchDescription(
         [
             DeclareLaunchArgument('scenario', default_value='crane', description='YAML file, or name in config'),
             DeclareLaunchArgument('parameters', default_value='', description='YAML file with parameters of all nodes'),
             DeclareLaunchArgument('rate', default_value='1.0', description='scenario seconds per second'),
             DeclareLaunchArgument(
-                'simulate', default_value='true', choices=['true', 'false'], description='false: with real stations'
+                'simulate',
+                default_value='true',
+                choices=['true', 'false'],
+                description="false: real stations, those of the parameter file's pairs, else of the scenario's",
+            ),
+            DeclareLaunchArgument(
+                'host', default_value='false', choices=['true', 'false'], description="true: serve the host's page"
             ),
             OpaqueFunction(function=nodes),
         ]
@@ -28,49 +36,37 @@ def generate_launch_description():
 
 
 def nodes(context):
-    """Return the nodes of the scenario's stations and pairs."""
-    path = find_config(LaunchConfiguration('scenario').perform(context))
-    scenario = read_scenario(path)
-    pairs = [f'{pair.first}/{pair.second}' for pair in scenario.pairs]
-    file = LaunchConfiguration('parameters').perform(context)
-    extra = [file] if file else []
-    restarted = {'respawn': True, 'respawn_delay': 2.0, 'on_exit': end_if_misconfigured, 'output': 'screen'}
-    started = [Node(package='drfmcw_fusion', executable='fusion', parameters=[{'pairs': pairs}, *extra], **restarted)]
-    for station in scenario.stations:
+    """Return the nodes of the site's stations and pairs."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ('scenario', 'parameters', 'rate')}
+    path, rate = find_config(given['scenario']), launching.positive('rate', given['rate'])
+    files = launching.parameter_files(given['parameters'])
+    simulated = LaunchConfiguration('simulate').perform(context) == 'true'
+    pairs = [] if simulated else launching.pairs_in(given['parameters'])
+    pairs = pairs or [f'{pair.first}/{pair.second}' for pair in read_scenario(path).pairs]
+    restarted = {
+        'respawn': True,
+        'respawn_delay': launching.RESPAWN_DELAY,
+        'on_exit': launching.end_if_misconfigured,
+        'output': 'screen',
+    }
+    started = [Node(package='drfmcw_fusion', executable='fusion', parameters=[{'pairs': pairs}, *files], **restarted)]
+    if launching.has_node(given['parameters'], 'frames'):
+        started.append(Node(package='drfmcw_fusion', executable='frames', parameters=files, **restarted))
+    for station in launching.stations_of(pairs):
+        own = [{'station': station}, *files]
         started.append(
-            Node(
-                package='drfmcw_node',
-                executable='station',
-                namespace=station,
-                parameters=[{'station': station}, *extra],
-                **restarted,
-            )
+            Node(package='drfmcw_node', executable='station', namespace=station, parameters=own, **restarted)
         )
-    if LaunchConfiguration('simulate').perform(context) == 'true':
+    if LaunchConfiguration('host').perform(context) == 'true':
+        started.append(Node(package='drfmcw_host', executable='host', **restarted))
+    if simulated:
         started.append(
             Node(
                 package='drfmcw_sim',
                 executable='simulator',
-                parameters=[{'scenario': str(path), 'rate': rate(context)}],
+                parameters=[{'scenario': str(path), 'rate': rate}],
                 on_exit=Shutdown(reason='the scenario has ended'),
                 output='screen',
             )
         )
     return started
-
-
-def rate(context):
-    """Return the argument of that name."""
-    given = LaunchConfiguration('rate').perform(context)
-    try:
-        value = float(given)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float('inf'):
-        raise RuntimeError(f'rate:={given}: give a number above zero, such as 1.0 or 2.5')
-    return value
-
-
-def end_if_misconfigured(event, context):
-    """End the launch where a node refused its configuration (status 2): starting it again would change nothing."""
-    return [Shutdown(reason=f'{event.process_name}: wrong configuration')] if event.returncode == 2 else None

@@ -3,11 +3,12 @@
 ros2 launch drfmcw_bringup watch.launch.py pair:=master/slave findings:=findings
 """
 
-from launch.actions import DeclareLaunchArgument, Shutdown
+from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from drfmcw_bringup import launching
 from launch import LaunchDescription
 
 
@@ -25,12 +26,7 @@ def generate_launch_description():
         parameters=[{name: ParameterValue(LaunchConfiguration(name), value_type=str) for name in names}],
         respawn=True,
         respawn_delay=5.0,
-        on_exit=end_if_misconfigured,
+        on_exit=launching.end_if_misconfigured,
         output='screen',
     )
     return LaunchDescription([*arguments, node])
-
-
-def end_if_misconfigured(event, context):
-    """End the launch where the node refused its configuration (status 2): starting it again would change nothing."""
-    return [Shutdown(reason=f'{event.process_name}: wrong configuration')] if event.returncode == 2 else None

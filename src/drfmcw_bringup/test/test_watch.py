@@ -19,7 +19,7 @@ from scenes import record, scene
 from drfmcw_bringup.graph import REPLAY, STATION, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import monitored
 from drfmcw_diagnosis.finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect
-from drfmcw_diagnosis.live.watch import OK, STALE, WARN, Judgement, Watch, WatchSettings
+from drfmcw_diagnosis.live.watch import OK, STALE, WARN, Judgement, Order, Watch, WatchSettings, is_expected, judge
 from drfmcw_diagnosis.live.window import Window, WindowSettings
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
 from drfmcw_node.processing.records import Sweep
@@ -180,7 +180,8 @@ def judgement(verdict: str = '', failed: bool = False, *effects: str, **changes)
     fit = Fit(BeforeAfter(9.0, 1.0), BeforeAfter(9.0, 1.0))
     explanation = Explanation(tuple(found), 50.0) if found else None
     diagnosis = Diagnosis('live', verdict, 1e-9, 1e-4, (), explanation, (), None, fit, None, (), ())
-    return Judgement('', 96, BEGIN, BEGIN + 10**9, 0.5, 1.0, failed, False, diagnosis if verdict else None, **changes)
+    found = diagnosis if verdict else None
+    return Judgement('', 96, BEGIN, BEGIN + 10**9, 0.5, 1.0, failed, False, False, found, **changes)
 
 
 @pytest.fixture
@@ -258,6 +259,45 @@ def test_what_is_expected_is_no_reason_to_warn(ready):
         WatchSettings(expected=['target_moton'])
 
 
+DRIVING = {'drive': {'waypoints': [300.0, 308.0], 'speed': 1.0, 'acceleration': 0.3, 'dwell': 1.0}}
+
+
+@pytest.fixture(scope='module')
+def driving(tmp_path_factory) -> Window:
+    """The live window of a crane that accelerates, drives and stops."""
+    path = record(scene(DRIVING, timing={'sweep_interval': 0.05}), tmp_path_factory.mktemp('drive') / 'drive')
+    return fed(path)
+
+
+def test_a_drive_alone_starts_no_search(driving, recordings):
+    """Where it is expected; a mismatch of a crane that stands does. The recordings are fixed."""
+    for window, expected, failed, drives in (
+        (driving, ('target_motion',), False, True),
+        (driving, (), True, False),
+        (fed(recordings['ripple']), ('target_motion',), True, False),
+        (fed(recordings['clean']), ('target_motion',), False, False),
+    ):
+        (judged,) = judge(Order(window.snapshot(), 1e-4, failed, False, None, expected))
+        assert not judged.problem
+        assert (judged.failed, judged.searching, judged.driving) == (failed, False, drives)
+
+
+def test_a_drive_warns_only_of_what_is_named_beside_it(ready):
+    """What no effect explains of an accelerating crane does not; of a crane that stands it does."""
+    for verdict, effects, drives, expected in (
+        ('explained', ('target_motion',), True, True),
+        ('unexplained', (), True, True),
+        ('unexplained', (), False, False),
+        ('explained', ('target_motion', 'echo'), True, False),
+    ):
+        look = judgement(verdict, False, *effects)
+        assert is_expected(look.found, ('target_motion',), drives) == expected
+        ready.finding = None
+        ready.order(0.0)
+        ready.take(dataclasses.replace(look, driving=drives), 1.0)
+        assert (ready.statement(1.0).level == OK) == expected, (verdict, effects)
+
+
 def test_what_cannot_be_judged_is_said(ready):
     ready.order(0.0)
     ready.take(Judgement('real and quadrature samples are mixed'), 1.0)
@@ -295,7 +335,7 @@ class Heard:
         self.said: list[DiagnosticStatus] = []
 
     def take(self, array: DiagnosticArray) -> None:
-        self.said += [s for s in array.status if s.name == 'watch: Model master/slave']
+        self.said += [s for s in array.status if s.name == '/watch: Model master/slave']
 
     def wait(self, condition, log: Path) -> DiagnosticStatus:
         """Wait until the newest statement is as wanted, and return it."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
-from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from drfmcw_node.processing.records import Beat
@@ -22,6 +21,7 @@ from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
 from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
+from drfmcw_ros.operation.managed import ManagedNode
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.publishers import Publishers
 from drfmcw_ros.runner import run
@@ -79,7 +79,7 @@ class _PairState:
     alone: float = dataclasses.field(default_factory=time.monotonic)  # when nobody else published last [s]
 
 
-class FusionNode(Node):
+class FusionNode(ManagedNode):
     """Thin shell around RangeFusion."""
 
     def __init__(self, pairs: Sequence[str] | None = None, **kwargs: Any) -> None:
@@ -93,6 +93,20 @@ class FusionNode(Node):
             self, IntegritySettings, prefix='integrity', on_change=self._change_integrity
         )
         self._mode = SettingsParameters(self, ModeSettings, prefix='mode')
+        names: list[Any] = [tuple(pair.split('/')) for pair in self._pair_settings.value.pairs]
+        self._stations = {name for pair in names for name in pair}
+        self._refused = self._refused_before = 0  # messages
+        self._refusal = ''  # why the last one was
+        self._logged = -_LOG_INTERVAL
+        diagnostics = Diagnostics(self, 'fusion', self.state)
+        for pair in names:
+            diagnostics.add(f'Range {"/".join(pair)}', functools.partial(self._diagnose, pair))
+        diagnostics.add('Pairing', self._diagnose_pairing)
+        diagnostics.add('Inputs', self._diagnose_inputs)
+        self.begin()
+
+    def configure(self) -> None:
+        """Create the topics, and begin without anything known."""
         self._fusion = RangeFusion(self._settings.value, self._integrity.value)
         self._first = qos.FirstTopics(self)  # settings, calibrations, weather: before the beats that need them
         self._pairs: dict[tuple[str, str], _PairState] = {}
@@ -104,20 +118,11 @@ class FusionNode(Node):
             )
         self._requests: dict[tuple[str, str], Any] = {}
         self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
-        self._stations = {name for pair in self._pairs for name in pair}
-        self._refused = self._refused_before = 0  # messages
-        self._refusal = ''  # why the last one was
-        self._logged = -_LOG_INTERVAL
+        self._lost = (0, 0)
         for station in sorted(self._stations):
             self._listen_to(station)
         for topic, kind in _WEATHER_TYPES.items():
-            self._first.subscription(kind, topic, functools.partial(self._weather, topic), qos.RELIABLE)
-        diagnostics = Diagnostics(self, 'fusion')
-        for names in self._pairs:
-            diagnostics.add(f'Range {"/".join(names)}', functools.partial(self._diagnose, names))
-        diagnostics.add('Pairing', self._diagnose_pairing)
-        diagnostics.add('Inputs', self._diagnose_inputs)
-        self._lost = (0, 0)
+            self._first.readings(kind, topic, functools.partial(self._weather, topic))
 
     def _listen_to(self, station: str) -> None:
         latched = qos.latched_subscription(_LARGEST_PAIR_COUNT)
@@ -137,10 +142,12 @@ class FusionNode(Node):
                 )
 
     def _change(self, settings: FusionSettings) -> None:
-        self._fusion.settings = settings
+        if self.state() != 'unconfigured':  # else `configure` takes them
+            self._fusion.settings = settings
 
     def _change_integrity(self, settings: IntegritySettings) -> None:
-        self._fusion.integrity = settings
+        if self.state() != 'unconfigured':
+            self._fusion.integrity = settings
 
     def _sweep_config(self, message: SweepConfig) -> None:
         self._take(message, lambda: self._fusion.add_sweep_config(from_message(message, SweepSettings)))
@@ -184,6 +191,8 @@ class FusionNode(Node):
         self._take(message, take)
 
     def _beats(self, station: str, sources: Publishers, messages: list[BeatFrequency]) -> None:
+        if not self.active:
+            return
         self._first.poll()
         arrival, doubt = time.monotonic(), sources.doubt
 
@@ -208,7 +217,8 @@ class FusionNode(Node):
         if state is None:
             return  # a pair that this node does not fuse
         state.range_publisher.publish(to_message(result, RangeEstimate))
-        state.sensor_publisher.publish(self._sensor_message(result))
+        if state.sensor_publisher.get_subscription_count():
+            state.sensor_publisher.publish(self._sensor_message(result))
         state.newest = result
         state.ranges += 1
         state.flagged += result.flags != Flag.VALID

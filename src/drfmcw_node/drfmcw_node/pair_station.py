@@ -23,20 +23,31 @@ class PairStationNode(SweepNode):
     processor: PairProcessor
 
     def __init__(self, **kwargs: Any) -> None:
-        """Declare the parameters and create the topics; `kwargs` go to rclpy's Node."""
+        """Declare the parameters, then begin; `kwargs` go to rclpy's Node."""
         super().__init__('pair_station', PairProcessor(), PairEstimatorSettings, **kwargs)
-        settings = SettingsParameters(self, PairStationSettings).value
+        self._settings = settings = SettingsParameters(self, PairStationSettings).value
         check_pair(settings)
         self._pairs = [{settings.first, second} for second in settings.seconds]
         self._last_pairs = (0, 0)
+        self._start_diagnostics(settings.first).add('Pairs', self._diagnose_pairs)
+        self.begin()
+
+    def configure(self) -> None:
+        """Create the topics."""
+        super().configure()
+        settings = self._settings
         sources = dict.fromkeys(settings.seconds, settings.second_source)
         for station, source in ((settings.first, settings.first_source), *sources.items()):
             prefix = f'/{station}/'
             self._publish_results_of(station, prefix)
             self._listen_to_settings(prefix)
             self._listen_to_sweeps(prefix, source, _GATHER)
-        self._start_diagnostics(settings.first).add('Pairs', self._diagnose_pairs)
         self.create_timer(_PATIENCE, self._give_up)
+
+    def cleanup(self) -> None:
+        """Forget what came in."""
+        super().cleanup()
+        self._last_pairs = (0, 0)
 
     def _concerns(self, station: str, peer: str) -> bool:
         return {station, peer} in self._pairs
@@ -48,6 +59,8 @@ class PairStationNode(SweepNode):
 
     def _give_up(self) -> None:
         """Evaluate alone the sweeps that waited too long for settings or a partner, even if none come any more."""
+        if not self.active:
+            return
         self._take_sweeps([])
         self._publish(self.processor.give_up())
 

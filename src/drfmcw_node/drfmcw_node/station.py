@@ -49,7 +49,7 @@ class StationNode(SweepNode):
     """One sensor-node's signal processing. Topics and parameters: README.md of this package."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Declare the parameters, create the topics and start the source; `kwargs` go to rclpy's Node."""
+        """Declare the parameters, then begin; `kwargs` go to rclpy's Node."""
         super().__init__('station', StationProcessor(), **kwargs)
         namespace = self.get_namespace().strip('/')
         self._settings = SettingsParameters(self, StationSettings, StationSettings(namespace.rpartition('/')[2]))
@@ -59,24 +59,46 @@ class StationNode(SweepNode):
         check_complete(settings)
         self._names = StationNames.of(settings.station, namespace)
         self._peers: set[str] = set()
-        self._publish_results_of(self._names.station, self._names.prefix)
-        packed = self._names.own('if_samples_compressed')
-        self._packed = qos.publisher(self, CompressedIfSamples, packed, qos.RELIABLE)
         self._owner: SweepOwner | None = None
         if settings.owns_sweep:
             source = Source.registry[settings.source]
             owner = SweepOwner if source.brings_settings else FeedOwner
             values = source_settings[source.settings]
             self._owner = owner(self, self._names, self._settings, self._process, source, values)
+        self._start_diagnostics(hardware_id=self._names.station)
+        self.begin()
+
+    def configure(self) -> None:
+        """Create the topics."""
+        super().configure()
+        settings = self._settings.value
+        self._peers.clear()
+        self._publish_results_of(self._names.station, self._names.prefix)
+        packed = self._names.own('if_samples_compressed')
+        self._packed = qos.publisher(self, CompressedIfSamples, packed, qos.RELIABLE)
+        if settings.owns_sweep:
             for peer in settings.peers if settings.has_feed else ():
                 self._follow_peer(peer)
         else:
             self._listen_to_settings(self._names.prefix)
             gather = _GATHER if settings.source == 'topic' else 0.0
             self._listen_to_sweeps(self._names.prefix, settings.source, gather)
-        self._start_diagnostics(hardware_id=self._names.station)
+
+    def activate(self) -> None:
+        """Start the source, and announce what it stands for."""
         if self._owner is not None:
             self._owner.start()
+
+    def deactivate(self) -> None:
+        """End the source's thread and withdraw what it stands for."""
+        if self._owner is not None:
+            self._owner.stop()
+
+    def cleanup(self) -> None:
+        """Forget what came in, and what was announced."""
+        super().cleanup()
+        if self._owner is not None:
+            self._owner.forget()
 
     def destroy_node(self) -> None:
         """End the source's thread, then the node."""

@@ -17,7 +17,6 @@ from drfmcw_msgs.msg import (
     StationStatus,
     SweepConfig,
 )
-from rclpy.node import Node
 
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.plausible import printable
@@ -26,6 +25,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
 from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
+from drfmcw_ros.operation.managed import ManagedNode
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
@@ -43,8 +43,8 @@ _LATCHED_DEPTH = 32  # settings for so many peers
 T = TypeVar('T')
 
 
-class SweepNode(Node):
-    """Shell around a `StationProcessor`; a subclass chooses the topics."""
+class SweepNode(ManagedNode):
+    """Shell around a `StationProcessor`; a subclass chooses the topics in `configure`, after that of this class."""
 
     def __init__(self, name: str, processor: StationProcessor, estimation: type = EstimatorSettings, **kwargs: Any):
         """Declare the parameters that all such nodes share.
@@ -61,6 +61,7 @@ class SweepNode(Node):
         super().__init__(name, **kwargs)
         self.lock = threading.RLock()
         """Held while the processor works: a source delivers in its own thread."""
+        self._new_processor = type(processor)
         self.processor = processor
         """Evaluates the sweeps."""
         self._estimation = SettingsParameters(self, estimation, on_change=self._change_estimation)
@@ -79,6 +80,19 @@ class SweepNode(Node):
         self._snr: collections.deque[float] = collections.deque(maxlen=1000)
         self._reported: dict[str, float] = {}
 
+    def configure(self) -> None:
+        """Begin without topics, as after the constructor."""
+        self._first = qos.FirstTopics(self)
+        self._sweep_subscriptions, self._results = {}, {}
+
+    def cleanup(self) -> None:
+        """Forget all sweeps, settings and calibrations."""
+        with self.lock:
+            self.processor = self._new_processor()
+            self.processor.settings = self._estimation.value
+        self._early = EarlySweeps(self.processor)
+        self._seen, self._last_report = {}, (0, 0)
+
     def _publish_results_of(self, station: str, prefix: str) -> None:
         """Create the publishers of a station's results; `prefix` stands before the topics' last names."""
         self._results[station] = (
@@ -88,7 +102,7 @@ class SweepNode(Node):
 
     def _start_diagnostics(self, hardware_id: str) -> Diagnostics:
         """Start the diagnostics; return them, so that further tasks can be added."""
-        diagnostics = Diagnostics(self, hardware_id)
+        diagnostics = Diagnostics(self, hardware_id, self.state)
         diagnostics.add('Sweeps', self._diagnose_sweeps)
         diagnostics.add('Source', self._diagnose_source)
         diagnostics.add('Inputs', self._diagnose_inputs)
@@ -178,7 +192,9 @@ class SweepNode(Node):
         self._take_sweeps(sweeps)
 
     def _take_sweeps(self, sweeps: Sequence[Sweep]) -> None:
-        """Evaluate the sweeps whose settings are known; the others wait a moment for them."""
+        """Evaluate the sweeps whose settings are known; the others wait a moment for them. Inactive, drop them."""
+        if not self.active:
+            return
         self._process(self._early.release(sweeps, time.monotonic()))
 
     # --- results ---
@@ -189,10 +205,11 @@ class SweepNode(Node):
             self._evaluate(sweeps)
 
     def _evaluate(self, sweeps: Sequence[Sweep]) -> None:
-        """Publish beat frequencies and, where wanted, spectra of a batch."""
+        """Publish beat frequencies and, where wanted and taken by somebody, spectra of a batch."""
         wanted = self._spectrum.value
         with self.lock:
-            every = wanted.spectrum_decimation if wanted.spectrum else 0
+            taken = any(spectra.get_subscription_count() for _, spectra in self._results.values())
+            every = wanted.spectrum_decimation if wanted.spectrum and taken else 0
             beats, spectra = self.processor.process_with_spectra(sweeps, every)
         self._publish(beats, spectra)
 

@@ -39,7 +39,7 @@ class SweepOwner:
         source: type[Source],
         source_settings: Any,
     ) -> None:
-        """Create the publishers and open the source.
+        """Prepare, without topics and source.
 
         Args:
             node: to which topics, timers, lock and processor belong.
@@ -48,9 +48,6 @@ class SweepOwner:
             process: evaluates a batch of sweeps; called with the node's lock held, in the source's thread.
             source: class of the source.
             source_settings: of the source.
-
-        Raises:
-            ConfigurationError: the source cannot be opened.
         """
         self._node, self._names, self._settings, self._process = node, names, settings, process
         self._announced: dict[str, SweepSettings] = {}  # by peer
@@ -59,30 +56,72 @@ class SweepOwner:
         self._frame: Frame | None = None
         self._heard = 0  # results of peers, which show that the peers hear this station
         self._last_status = (0, 0)
-        self._calibrations = qos.publisher(node, StationCalibration, names.own('calibration'), qos.LATCHED)
-        self._status = qos.publisher(node, StationStatus, names.own('status'), qos.RELIABLE)
-        node.create_timer(1.0, self._publish_status)
-        self.source = source(names.station, source_settings, deliver=self._take, failed=self._source_failed)
-        """Where the sweeps come from; it runs from `start` to `stop`."""
+        self._make_source = lambda: source(
+            names.station, source_settings, deliver=self._take, failed=self._source_failed
+        )
+        self._running: Source | None = None
+        self._ends: list[Callable[[], Any]] = []  # what destroys the topics and the timer
+
+    @property
+    def source(self) -> Source:
+        """Where the sweeps come from, between `start` and `stop`.
+
+        Raises:
+            RuntimeError: it does not run.
+        """
+        if self._running is None:
+            raise RuntimeError('the source does not run')
+        return self._running
 
     def start(self) -> None:
-        """Start the source."""
-        self.source.start()
+        """Create the topics, announce what is known and start the source.
+
+        Raises:
+            ConfigurationError: the source cannot be opened.
+        """
+        self._running = self._make_source()
+        self._open()
+        self._running.start()
 
     def stop(self) -> None:
-        """End the source's thread and wait for it."""
-        self.source.stop()
+        """End the source's thread, wait for it and withdraw the topics."""
+        if self._running is not None:
+            self._running.stop()
+        self._running = None
+        while self._ends:
+            self._ends.pop()()
+        self._config_publishers.clear()
+
+    def forget(self) -> None:
+        """Forget what was announced."""
+        self._announced.clear()
+        self._calibrated = False
+
+    def _open(self) -> None:
+        node, names = self._node, self._names
+        self._calibrations = self._published(StationCalibration, names.own('calibration'), qos.LATCHED)
+        self._status = self._published(StationStatus, names.own('status'), qos.RELIABLE)
+        timer = node.create_timer(1.0, self._publish_status)
+        self._ends.append(lambda: node.destroy_timer(timer))
+
+    def _published(self, kind: type, topic: str, profile: Any, instance: str | None = None) -> Publisher:
+        made = qos.publisher(self._node, kind, topic, profile, instance)
+        self._ends.append(lambda: self._node.destroy_publisher(made))
+        return made
+
+    def _subscribed(self, kind: type, topic: str, take: Callable[[Any], None], profile: Any) -> None:
+        made = qos.subscription(self._node, kind, topic, take, profile)
+        self._ends.append(lambda: self._node.destroy_subscription(made))
 
     # --- settings and calibrations ---
 
     def _announce(self, settings: SweepSettings) -> None:
         """Publish settings and use them from their stamp on; stamp 0 means from now on."""
         peer = settings.peer
-        first = peer not in self._config_publishers
-        if first:
-            self._config_publishers[peer] = qos.publisher(
-                self._node, SweepConfig, self._names.own('sweep_config'), qos.LATCHED, instance=_identifier(peer)
-            )
+        first = peer not in self._announced
+        if peer not in self._config_publishers:
+            topic = self._names.own('sweep_config')
+            self._config_publishers[peer] = self._published(SweepConfig, topic, qos.LATCHED, _identifier(peer))
         if settings.stamp == 0 and not first:
             settings = dataclasses.replace(settings, stamp=self._node.now())
         settings = dataclasses.replace(settings, frame_id=self._frame_id(settings.frame_id))
@@ -165,36 +204,46 @@ class FeedOwner(SweepOwner):
         source: type[Source],
         source_settings: Any,
     ) -> None:
-        """Declare the parameters of sweep and calibration, and announce their values; arguments as for `SweepOwner`.
+        """Declare the parameters of sweep and calibration; arguments as for `SweepOwner`.
 
         The stored calibration, if any, gives the defaults of its parameters.
         """
         store = CalibrationStore(state_directory(os.environ, settings.value.state_directory))
-        stored = store.newest(names.station)  # before the source opens, which a damaged document prevents
+        stored = store.newest(names.station)
         super().__init__(node, names, settings, process, source, source_settings)
-        sweep = SettingsParameters(node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep)
+        self._sweep = SettingsParameters(
+            node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep
+        )
         known = Calibration(names.station) if stored is None else stored.calibration()
-        calibration = SettingsParameters(node, Calibration, known, 'calibration', self._change_calibration)
-        self._change_calibration(calibration.value)
+        self._calibration = SettingsParameters(node, Calibration, known, 'calibration', self._change_calibration)
         CalibrationService(node, names.own('store_calibration'), names.station, store, self._use_document)
-        self._change_sweep(sweep.value)
-        peers = settings.value.peers
+
+    def _open(self) -> None:
+        super()._open()
+        self._change_calibration(self._calibration.value)
+        self._change_sweep(self._sweep.value)
+        peers = self._settings.value.peers
         for peer in peers:
-            if peer != names.station:
-                qos.subscription(node, BeatFrequency, names.of_peer(peer, 'beat_frequency'), self._hear, qos.RELIABLE)
+            if peer != self._names.station:
+                topic = self._names.of_peer(peer, 'beat_frequency')
+                self._subscribed(BeatFrequency, topic, self._hear, qos.RELIABLE)
         requests = qos.latched_subscription(len(peers))
-        qos.subscription(node, SweepConfig, names.own('sweep_request'), self._take_request, requests)
+        self._subscribed(SweepConfig, self._names.own('sweep_request'), self._take_request, requests)
         if self.source.address():
-            node.get_logger().info(f'listening for sweeps at {self.source.address()}')
+            self._node.get_logger().info(f'listening for sweeps at {self.source.address()}')
 
     def _change_sweep(self, settings: SweepSettings) -> None:
-        """Announce settings that were set by parameter."""
+        """Announce settings that were set by parameter; while the source does not run, `start` will."""
+        if self._running is None:
+            return
         with self._node.lock:
             for peer in self._settings.value.peers:
                 self._announce(dataclasses.replace(settings, peer=peer, stamp=0))
 
     def _change_calibration(self, calibration: Calibration) -> None:
-        """Announce a calibration that was set by parameter."""
+        """Announce a calibration that was set by parameter; while the source does not run, `start` will."""
+        if self._running is None:
+            return
         self._announce_calibration(dataclasses.replace(calibration, stamp=0))
 
     def _use_document(self, document: Document) -> None:

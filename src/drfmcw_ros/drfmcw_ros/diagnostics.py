@@ -32,10 +32,17 @@ class Status:
 
 
 class Diagnostics:
-    """Publishes the node's diagnostic tasks, named ``node: Task``, once a second."""
+    """Publishes the node's diagnostic tasks once a second, named ``/namespace/node: Task``: unique in an aggregator."""
 
-    def __init__(self, node: Node, hardware_id: str) -> None:
-        """Create the publisher and its 1 Hz timer."""
+    def __init__(self, node: Node, hardware_id: str, state: Callable[[], str] = lambda: '') -> None:
+        """Create the publisher and its 1 Hz timer.
+
+        Args:
+            node: owner.
+            hardware_id: serial number, or name of the station or pair.
+            state: returns why the node rests by intention ('inactive'), '' where it works; tasks then say only that.
+        """
+        self._state = state
         self._node = node
         self._hardware_id = hardware_id
         self._tasks: list[tuple[str, Callable[[Status], None]]] = []
@@ -65,15 +72,18 @@ class Diagnostics:
         message.header.stamp = self._node.get_clock().now().to_msg()
         for name, task in (*self._tasks, *self._failing()):
             status = Status()
+            if resting := self._state():
+                status.report(OK, resting)
             try:
-                task(status)
+                if not resting:
+                    task(status)
             except Exception as error:
                 failures(self._node).add(error)
                 status.report(ERROR, f'cannot be diagnosed: {failures(self._node).last}')
             message.status.append(
                 DiagnosticStatus(
                     level=status.level,
-                    name=f'{self._node.get_name()}: {name}',
+                    name=f'{self._node.get_fully_qualified_name()}: {name}',
                     message='; '.join(status.messages) or 'OK',
                     hardware_id=self._hardware_id,
                     values=[KeyValue(key=k, value=v) for k, v in status.values.items()],

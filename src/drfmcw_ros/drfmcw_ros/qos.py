@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -47,6 +48,16 @@ WEATHER = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Readings that hold for minutes: the last ones reach late joiners, such as a recorder, and none is lost when fast."""
+
+SENSOR = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=400,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""A subscriber that every publisher suits, as REP 2003 has it for sensors; what the network loses is not sent again."""
+
+_SWITCH = 'declare_qos_overrides'
 
 
 def range_profile(deadline: float = RANGE_DEADLINE, lease: float = RANGE_LEASE) -> QoSProfile:
@@ -104,8 +115,33 @@ def publisher(
         profile: default QoS.
         instance: distinguishes several publishers of one node on one topic (one per peer).
     """
-    options = _overridable(profile, instance)
-    return node.create_publisher(message_type, topic, profile, qos_overriding_options=options)
+    options = _overriding(node, topic, 'publisher', instance, profile)
+    return node.create_publisher(message_type, topic, _copy(profile), qos_overriding_options=options)
+
+
+def _copy(profile: QoSProfile) -> QoSProfile:
+    """Return a copy: rclpy writes overrides into the profile that it is given."""
+    names = ('history', 'depth', 'reliability', 'durability', 'lifespan', 'deadline', 'liveliness')
+    same: Any = {name: getattr(profile, name) for name in (*names, 'liveliness_lease_duration')}
+    return QoSProfile(**same)
+
+
+def _overriding(
+    node: Node, topic: str, entity: str, instance: str | None, profile: QoSProfile
+) -> QoSOverridingOptions | None:
+    """Return which QoS policies of a topic are parameters: all where one is given or the switch says so, else none.
+
+    rclpy declares four parameters per publisher or subscription, which would make up most of `ros2 param list`.
+    """
+    if not node.has_parameter(_SWITCH):
+        descriptor = ParameterDescriptor(
+            description='declare the QoS of every topic as parameters (qos_overrides), so that they are listed',
+            read_only=True,
+        )
+        node.declare_parameter(_SWITCH, False, descriptor)
+    start = f'qos_overrides.{node.resolve_topic_name(topic)}.{entity}{f"_{instance}" if instance else ""}.'
+    given = any(name.startswith(start) for name in node._parameter_overrides)
+    return _overridable(profile, instance) if given or node.get_parameter(_SWITCH).value else None
 
 
 def subscription(
@@ -136,7 +172,8 @@ def subscription(
         gather: with `batch`, how long to let further messages arrive before taking them all [s]. Waking up costs rclpy
             more than a sweep costs to evaluate: 2 ms of it halve the load at 1000 sweeps/s.
         numbers: with `batch`, gets the number that the publisher gave to each message, before `callback` gets them.
-        events: callbacks of missed deadlines, of publishers that came or died, and of incompatible profiles.
+        events: callbacks of missed deadlines, of publishers that came or died, and of incompatible profiles, of which a
+            warning is logged otherwise.
     """
     created: list[Subscription] = []
 
@@ -162,13 +199,53 @@ def subscription(
             message_type,
             topic,
             taking,
-            profile,
-            qos_overriding_options=_overridable(profile, instance),
+            _copy(profile),
+            qos_overriding_options=_overriding(node, topic, 'subscription', instance, profile),
             raw=raw,
             event_callbacks=events,
         )
     )
     return created[0]
+
+
+def readings(
+    node: Node,
+    message_type: type,
+    topic: str,
+    callback: Callable[[Any], None],
+    on_created: Callable[[Subscription], None] = lambda created: None,
+    batch: bool = False,
+) -> None:
+    """Subscribe to readings of somebody else's sensor, whatever QoS it publishes them with.
+
+    Latched readings are asked for first. Where a publisher offers less, a further subscription asks for less: reliable
+    ones, then best-effort ones. Where different publishers share the topic, a reading may come twice.
+
+    Args:
+        node: owner.
+        message_type: ROS message class.
+        topic: relative or absolute name.
+        callback: gets each message; with `batch`, a list, as in `subscription`.
+        on_created: gets each subscription that is made.
+        batch: see callback.
+    """
+    profiles = iter((('latched', WEATHER), ('reliable', DEEP), ('best_effort', SENSOR)))
+
+    def ask() -> None:
+        name, profile = next(profiles)
+        asked = False
+
+        def ask_for_less(event: Any) -> None:
+            nonlocal asked
+            if not asked:
+                asked = True
+                ask()
+
+        instance = None if profile is WEATHER else name
+        events = None if profile is SENSOR else SubscriptionEventCallbacks(incompatible_qos=ask_for_less)
+        on_created(subscription(node, message_type, topic, callback, profile, batch, instance=instance, events=events))
+
+    ask()
 
 
 class FirstTopics:
@@ -190,6 +267,14 @@ class FirstTopics:
         """Subscribe as the function of this name does."""
         created = subscription(self._node, message_type, topic, callback, profile)
         self._subscriptions.append((created, message_type, callback))
+
+    def readings(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> None:
+        """Subscribe as the function of this name does."""
+
+        def keep(created: Subscription) -> None:
+            self._subscriptions.append((created, message_type, callback))
+
+        readings(self._node, message_type, topic, callback, keep)
 
     def poll(self) -> None:
         """Hand over all messages that wait."""

@@ -18,6 +18,17 @@ class WindowLimits:
 
 
 @dataclasses.dataclass(frozen=True)
+class WatchLimits:
+    """When a crane drives."""
+
+    certain: float = 4.0
+    """Standard deviations by which its velocity differs from zero; chosen."""
+
+    standing: float = 0.01
+    """Velocity of a crane that stands, at most, as sway and wind move it [m/s]; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
 class NodeLimits:
     """How the node listens, and when it looks."""
 
@@ -34,4 +45,4 @@ class NodeLimits:
     """Time without sweeps after which the last verdict counts as stale [s]; chosen."""
 
 
-WINDOW, NODE = WindowLimits(), NodeLimits()
+WINDOW, WATCH, NODE = WindowLimits(), WatchLimits(), NodeLimits()

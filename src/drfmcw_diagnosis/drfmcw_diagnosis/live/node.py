@@ -99,7 +99,7 @@ class WatchNode(Node):
                 kind, topic, take = CompressedIfSamples, f'/{station}/if_samples_compressed', self._take_compressed
             qos.subscription(self, kind, topic, take, qos.DEEP, batch=True, gather=NODE.gather)
         for topic, kind in _SITE_TYPES.items():
-            self._listen(kind, topic, qos.DEEP)
+            qos.readings(self, kind, topic, functools.partial(self._take, topic), batch=True)
         Diagnostics(self, watched.pair).add(f'Model {watched.pair}', self._diagnose)
         self.create_timer(NODE.tick, self._tick)
 

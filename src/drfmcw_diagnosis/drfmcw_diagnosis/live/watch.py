@@ -8,8 +8,11 @@ import dataclasses
 import datetime
 import json
 import math
-from collections.abc import Iterator
+import shutil
+from collections.abc import Collection, Iterator
 from pathlib import Path
+
+import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, nearest, parameter
 from drfmcw_ros.cli import write_atomically
@@ -18,7 +21,8 @@ from drfmcw_sim.effects import Effect, Motion
 from ..engine import check, diagnose_dataset
 from ..finding import wording
 from ..finding.result import BeforeAfter, Diagnosis
-from .limits import NODE
+from ..recording.dataset import Dataset
+from .limits import NODE, WATCH
 from .window import Snapshot, Window
 
 OK, WARN, STALE = 'ok', 'warn', 'stale'
@@ -65,6 +69,7 @@ class Order:
     failed: bool  # the check before this one
     search: bool  # whatever the check says
     findings: Path | None  # directory for what is found
+    expected: tuple[str, ...] = ()  # effects that are no reason to warn or write
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,6 +83,7 @@ class Judgement:
     chance: float = math.nan  # of what the nominal model leaves over
     misfit: float = math.nan  # of the nominal model per degree of freedom
     failed: bool = False  # the quick check
+    driving: bool = False  # as is expected: what the model leaves over is its motion, first of all
     searching: bool = False  # a search is under way, another judgement follows
     diagnosis: Diagnosis | None = None  # of the search
     written: str = ''  # directory with the finding
@@ -99,21 +105,41 @@ def judge(order: Order) -> Iterator[Judgement]:
     try:
         data = order.snapshot.dataset()
         chance, misfit = map(float, check(data))
-        failed = chance < order.false_alarm_rate
+        driving = bool(set(_driving()) & set(order.expected)) and drives(data)
+        failed = chance < order.false_alarm_rate and not driving
         search = order.search or failed != order.failed
         start, end = int(data.stamp[0]), int(data.stamp[-1])
-        checked = Judgement('', len(data), start, end, chance, misfit, failed, search)
+        checked = Judgement('', len(data), start, end, chance, misfit, failed, driving, search)
         yield checked
         if search:
             out = order.findings / utc(end).replace(':', '').replace('-', '') if order.findings else None
             found = diagnose_dataset(data, order.false_alarm_rate, out, command='./drfmcw watch')
             written = ''
-            if out is not None and found.verdict != 'consistent':
+            if out is not None and is_expected(found, order.expected, driving):
+                shutil.rmtree(out, ignore_errors=True)  # its refined model
+            elif out is not None and found.verdict != 'consistent':
                 _write(found, checked, out)
                 written = str(out)
             yield dataclasses.replace(checked, searching=False, diagnosis=found, written=written)
     except (ConfigurationError, OSError) as error:
         yield Judgement(str(error))
+
+
+def drives(data: Dataset) -> bool:
+    """Return True where the reference shows that the crane moves in some of the sweeps."""
+    moved = np.abs(data.velocity) > np.maximum(WATCH.certain * data.velocity_std, WATCH.standing)
+    return bool(np.any(moved & np.isfinite(data.velocity)))
+
+
+def is_expected(diagnosis: Diagnosis, expected: Collection[str], driving: bool = False) -> bool:
+    """Return True where one of the explanations consists of expected effects only.
+
+    Of a crane that drives, what no effect explains is expected, too: acceleration within a group is in no model.
+    """
+    explanations = [e for e in (diagnosis.explanation, *diagnosis.alternatives) if e is not None]
+    if driving and not explanations:
+        return diagnosis.verdict != 'consistent'
+    return any({f.effect for f in e.effects} <= set(expected) for e in explanations)
 
 
 def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> None:
@@ -176,7 +202,9 @@ class Watch:
             self._search_due = now + self.settings.search_interval
         self._due, self._looked_at = now + self.settings.period, newest
         search = now >= self._search_due
-        return Order(self.window.snapshot(), self.settings.false_alarm_rate, self._failed, search, self._findings)
+        expected = tuple(name for name in self.settings.expected if name)
+        rate = self.settings.false_alarm_rate
+        return Order(self.window.snapshot(), rate, self._failed, search, self._findings, expected)
 
     def _lacking(self) -> str:
         """Return why nothing can be judged, '' where it can."""
@@ -204,18 +232,15 @@ class Watch:
         if diagnosis is None:
             return
         self._search_due, self._searched = now + self.settings.search_interval, judgement.end
-        worth = diagnosis.verdict != 'consistent' and not self._is_expected(diagnosis)
+        worth = diagnosis.verdict != 'consistent' and not is_expected(
+            diagnosis, self.settings.expected, judgement.driving
+        )
         self._explained = None if worth or diagnosis.verdict == 'consistent' else diagnosis
         if worth:
             self.finding, self._gone = judgement, None
         elif self.finding is not None:
             self._gone = self.finding, now
             self.finding = None
-
-    def _is_expected(self, diagnosis: Diagnosis) -> bool:
-        """Return True where one of the explanations consists of expected effects only."""
-        explanations = [e for e in (diagnosis.explanation, *diagnosis.alternatives) if e is not None]
-        return any({f.effect for f in e.effects} <= set(self.settings.expected) for e in explanations)
 
     def statement(self, now: float) -> Statement:
         """Return what is to be said."""
@@ -250,6 +275,8 @@ class Watch:
             return 'not judged'
         if self._explained is not None:
             return 'explained'
+        if self._judged.driving:
+            return 'driving'
         return 'being searched' if self._judged.searching and self._judged.failed else 'consistent'
 
     def _said(self, now: float) -> tuple[str, str]:
@@ -257,8 +284,10 @@ class Watch:
             reason = self._problem or self._lacking() or 'the first look has not ended yet'
             return STALE, f'nothing judged: {reason}'
         level, message = OK, f'the model explains the last {judged.sweeps} sweeps'
-        if self._explained is not None:
+        if self._explained is not None and self._explained.explanation is not None:
             message += f' with what is expected: {wording.headline(self._explained)}'
+        elif judged.driving:
+            message = f'the crane drives, as expected: only a full search judges its {judged.sweeps} sweeps'
         if self.finding is not None:
             level, message = WARN, self.described(self.finding)
         elif judged.searching and judged.failed:

@@ -23,6 +23,14 @@ _PARAMETER_SERVICES = (
     'set_parameters_atomically',
 )
 
+_LIFECYCLE_SERVICES = (
+    'change_state',
+    'get_available_states',
+    'get_available_transitions',
+    'get_state',
+    'get_transition_graph',
+)
+
 
 def fast_dds_is_secure(environ: Mapping[str, str]) -> bool | None:
     """Return whether the Fast DDS that a node will load has security; None where another middleware is asked for."""
@@ -54,6 +62,7 @@ class NodeRights:
     publish: tuple[str, ...]
     subscribe: tuple[str, ...]
     reply: tuple[str, ...] = ()  # services
+    managed: bool = True  # has a life cycle
 
     @property
     def enclave(self) -> str:
@@ -93,9 +102,10 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
     found.append(NodeRights('/', 'fusion', ('/diagnostics', *ranges, *requests), (*site, *of_stations)))
     recorded = [f'/{station}/{name}' for station in stations for name in ('if_samples', 'if_spectrum')]
     everything = (*site, '/reference/range', '/diagnostics', *of_stations, *recorded, *ranges)
-    found.append(NodeRights('/', 'recorder', ('/diagnostics',), everything))
+    found.append(NodeRights('/', 'recorder', ('/diagnostics',), everything, managed=False))
     controllers = tuple(f'/{first}/{second}/range' for first, second in pairs)
-    found += [NodeRights('/', node, ('/diagnostics',), controllers) for node in ('gateway', 'follow_range')]
+    for node in ('gateway', 'follow_range'):
+        found.append(NodeRights('/', node, ('/diagnostics',), controllers, managed=False))
     return found
 
 
@@ -103,13 +113,15 @@ def policy(nodes: Sequence[NodeRights]) -> str:
     """Return the SROS2 policy (version 0.2.0) of some nodes."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<policy version="0.2.0">', '  <enclaves>']
     for node in nodes:
+        services = _PARAMETER_SERVICES + (_LIFECYCLE_SERVICES if node.managed else ())
+        published = ('/rosout', '/parameter_events', *(('~/transition_event',) if node.managed else ()), *node.publish)
         lines += [
             f'    <enclave path={quoteattr(node.enclave)}>',
             '      <profiles>',
             f'        <profile ns={quoteattr(node.namespace)} node={quoteattr(node.node)}>',
-            *_expressions('topics', 'publish', 'topic', ('/rosout', '/parameter_events', *node.publish)),
+            *_expressions('topics', 'publish', 'topic', published),
             *_expressions('topics', 'subscribe', 'topic', ('/parameter_events', '/clock', *node.subscribe)),
-            *_expressions('services', 'reply', 'service', [*(f'~/{s}' for s in _PARAMETER_SERVICES), *node.reply]),
+            *_expressions('services', 'reply', 'service', [*(f'~/{name}' for name in services), *node.reply]),
             '        </profile>',
             '      </profiles>',
             '    </enclave>',

@@ -1,0 +1,5 @@
+"""Recordings and findings on disk, and the commands that work on them.
+
+In: names from the page, checked against what is in the directory.
+Out: lists, sizes, archives; processes that record, recompute and diagnose.
+"""

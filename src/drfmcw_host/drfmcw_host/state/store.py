@@ -1,0 +1,186 @@
+"""The newest of everything, with its age by the host's own clock, shared between the ROS thread and the pages."""
+
+import collections
+import dataclasses
+import math
+import statistics
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drfmcw_fusion.offline import Reference
+from drfmcw_fusion.statistics import reference_at
+from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.sweep import SweepSettings
+
+from .history import History
+from .readings import Diagnostic, Health, Line, RangeReading, SpectrumReading
+
+SERIES = ('range', 'error', 'std', 'rate')
+"""Histories of a pair: range [m], error against the reference [m], standard deviation [m], ranges per second."""
+
+STALE_AFTER = 0.25
+"""Age from which a range is shown as stale [s]; with sampling and sending it is grey within 0.5 s."""
+
+_SLOW = 1.5  # times the usual interval between ranges: the same for a site that measures more slowly
+
+_RATE_TIME = 1.0  # over which the rate is counted [s]
+_REFERENCE_WAIT = 0.5  # of a range for the reading after it [s]
+_READINGS = 4000  # of the reference
+_JUMP = 10_000_000_000  # back in time, of a site that begins again [ns]
+_PENDING = 4000  # ranges that wait for the reference
+_DIAGNOSTIC_HOLD = 30.0  # after which a line of /diagnostics that is not repeated goes [s]
+_DIAGNOSTIC_LINES = 500
+_LARGEST = 64  # pairs, stations, and peers of one
+
+
+@dataclasses.dataclass
+class Pair:
+    """What is known about one pair of stations."""
+
+    newest: RangeReading | None = None
+    received: float = -math.inf  # monotonic [s]
+    gaps: collections.deque[float] = dataclasses.field(default_factory=lambda: collections.deque(maxlen=9))  # [s]
+    count: int = 0
+    error: float = math.nan  # newest error against the reference [m]
+    histories: dict[str, History] = dataclasses.field(default_factory=lambda: {name: History() for name in SERIES})
+    arrivals: collections.deque[tuple[float, int]] = dataclasses.field(default_factory=collections.deque)
+    pending: collections.deque[tuple[float, int, int, float]] = dataclasses.field(
+        default_factory=lambda: collections.deque(maxlen=_PENDING)
+    )  # (monotonic [s], received [ns], stamp [ns], range [m])
+
+    def rate(self, now: float) -> float:
+        """Return ranges per second over the last second before `now` (monotonic [s])."""
+        while self.arrivals and self.arrivals[0][0] < now - _RATE_TIME:
+            self.arrivals.popleft()
+        return sum(count for _, count in self.arrivals) / _RATE_TIME
+
+
+@dataclasses.dataclass
+class Station:
+    """What is known about one station; results and settings by peer."""
+
+    health: Health | None = None
+    health_received: float = -math.inf  # monotonic [s]
+    calibration: Calibration | None = None
+    calibration_stamp: int = 0  # [ns]
+    settings: dict[str, SweepSettings] = dataclasses.field(default_factory=dict)
+    lines: dict[str, Line] = dataclasses.field(default_factory=dict)
+    spectra: dict[str, SpectrumReading] = dataclasses.field(default_factory=dict)
+    spectra_received: dict[str, float] = dataclasses.field(default_factory=dict)
+
+
+class Store:
+    """Everything that the pages show. Methods may be called from any thread."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start empty; `clock` gives the host's monotonic time [s]."""
+        self.clock = clock
+        self.lock = threading.RLock()
+        self.pairs: dict[str, Pair] = {}
+        self.stations: dict[str, Station] = {}
+        self.site: dict[str, tuple[float, float]] = {}  # topic: (value in SI units, monotonic [s])
+        self.diagnostics: dict[tuple[str, str], Diagnostic] = {}
+        self.latency = math.nan  # of the newest clock difference: host time minus stamp of the newest range [s]
+        self._references: collections.deque[tuple[int, float, str]] = collections.deque(maxlen=_READINGS)
+        self._signals_wanted = -math.inf
+
+    def pair(self, name: str) -> Pair | None:
+        """Return the pair 'first/second', made where it is new; None where there are too many."""
+        if name not in self.pairs and len(self.pairs) < _LARGEST:
+            self.pairs[name] = Pair()
+        return self.pairs.get(name)
+
+    def station(self, name: str) -> Station | None:
+        """Return the station, made where it is new; None where there are too many."""
+        if name not in self.stations and len(self.stations) < _LARGEST:
+            self.stations[name] = Station()
+        return self.stations.get(name)
+
+    def want_signals(self) -> None:
+        """Ask for spectra and lines for the next two seconds: a browser shows them."""
+        self._signals_wanted = self.clock()
+
+    @property
+    def signals_wanted(self) -> bool:
+        """Whether any browser shows spectra and lines."""
+        return self.clock() - self._signals_wanted < 2.0
+
+    def add_ranges(self, name: str, readings: Sequence[RangeReading], received: Sequence[int]) -> None:
+        """Take a pair's ranges in order of arrival; `received` is when each one did [ns]."""
+        now = self.clock()
+        with self.lock:
+            pair = self.pair(name)
+            if pair is None:
+                return
+            if readings:
+                times = np.asarray(received, dtype=np.int64)
+                arrived = now - max(0.0, (time.time_ns() - received[-1]) * 1e-9)
+                if math.isfinite(pair.received):
+                    pair.gaps.append(arrived - pair.received)
+                pair.newest, pair.received = readings[-1], arrived
+                pair.count += len(readings)
+                pair.arrivals.append((now, len(readings)))
+                pair.histories['range'].add(times, np.array([r.range for r in readings]))
+                pair.histories['std'].add(times, np.array([r.range_std for r in readings]))
+                self.latency = (received[-1] - readings[-1].stamp) * 1e-9
+                if self._references:
+                    pair.pending.extend((now, int(t), r.stamp, r.range) for t, r in zip(times, readings, strict=True))
+            if pair.newest is not None:
+                pair.histories['rate'].add(np.array([time.time_ns()]), np.array([pair.rate(now)]))
+            self._compare(name, pair, now)
+
+    def _compare(self, name: str, pair: Pair, now: float) -> None:
+        """Compare ranges with the reference once the reading after them has had time to arrive."""
+        due = []
+        while pair.pending and now - pair.pending[0][0] >= _REFERENCE_WAIT:
+            due.append(pair.pending.popleft())
+        if not due:
+            return
+        stamps, ranges, frames = (np.array(column) for column in zip(*self._references, strict=True))
+        order = np.argsort(stamps, kind='stable')
+        reference = Reference(stamps[order], ranges[order], np.zeros(len(order)), frames[order]).of(name)
+        errors = np.array([d[3] for d in due]) - reference_at(reference, np.array([d[2] for d in due]))
+        pair.histories['error'].add(np.array([d[1] for d in due]), errors)
+        finite = errors[np.isfinite(errors)]
+        pair.error = float(finite[-1]) if len(finite) else math.nan
+
+    def add_reference(self, stamp: int, distance: float, frame: str) -> None:
+        """Take a reading of the reference instrument: stamp [ns], distance [m]."""
+        with self.lock:
+            if self._references and stamp < self._references[-1][0] - _JUMP:
+                self._references.clear()  # a simulation began again
+            self._references.append((stamp, distance, frame))
+
+    def age(self, pair: Pair) -> float:
+        """Return the time since the pair's newest range arrived [s], infinite before the first."""
+        return self.clock() - pair.received
+
+    def is_stale(self, pair: Pair) -> bool:
+        """Return whether the pair's newest range is no longer current: older than 0.25 s and than is usual here."""
+        usual = statistics.median(pair.gaps) if pair.gaps else 0.0
+        return self.age(pair) > max(STALE_AFTER, _SLOW * usual)
+
+    def chosen(self, name: str) -> str:
+        """Return the pair to show: of that name, else the first that is current, else the first; '' for none."""
+        if name in self.pairs:
+            return name
+        names = sorted(self.pairs)
+        return next((n for n in names if not self.is_stale(self.pairs[n])), names[0] if names else '')
+
+    def add_diagnostic(self, found: Diagnostic) -> None:
+        """Take one line of /diagnostics."""
+        with self.lock:
+            key = (found.hardware, found.name)
+            if key in self.diagnostics or len(self.diagnostics) < _DIAGNOSTIC_LINES:
+                self.diagnostics[key] = found
+
+    def current_diagnostics(self) -> list[Diagnostic]:
+        """Return the lines of the last 30 s, the worst first."""
+        now = self.clock()
+        with self.lock:
+            for key in [k for k, d in self.diagnostics.items() if now - d.received > _DIAGNOSTIC_HOLD]:
+                del self.diagnostics[key]
+            return sorted(self.diagnostics.values(), key=lambda d: (-d.level, d.name, d.hardware))

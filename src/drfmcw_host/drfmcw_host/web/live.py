@@ -1,0 +1,104 @@
+"""The stream of changed values: encoded once per view and its options, sent to every browser that shows it."""
+
+import asyncio
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import orjson
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ..state.history import WINDOWS
+from ..state.store import Store
+from ..words.phrases import LANGUAGES
+from . import diagnosis, now, over_time, recordings, signals, stations
+
+INTERVAL = 0.1
+"""Between two messages to a browser [s]."""
+
+_LIMIT = 100  # browsers at a time
+_SEND_LIMIT = 10.0  # after which a browser that takes nothing is given up [s]
+_NOTHING: Callable[[Store, 'Options', bool], dict[str, Any]] = lambda store, options, charts: {}  # noqa: E731
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What a browser shows."""
+
+    view: str
+    language: str = 'en'
+    pair: str = ''  # empty: the first one
+    span: int = WINDOWS[1]  # [s]
+
+    @classmethod
+    def of(cls, query: Any) -> 'Options':
+        """Return the options in a query; what is not known gets its default."""
+        span = query.get('span', '')
+        chosen = int(span) if span.isdecimal() and int(span) in WINDOWS else WINDOWS[1]
+        language = query.get('language', '')
+        pair = query.get('pair', '')[:200]
+        return cls(query.get('view', ''), language if language in LANGUAGES else 'en', pair, chosen)
+
+
+UPDATES: dict[str, tuple[Callable[[Store, Any, bool], dict[str, Any]], Callable[[Options], float]]] = {
+    'now': (now.update, lambda _: INTERVAL),
+    'over-time': (over_time.update, lambda options: min(max(options.span / 100, 0.2), 5.0)),
+    'signals': (signals.update, lambda _: 0.2),
+    'stations': (stations.update, lambda _: 0.5),
+    'diagnosis': (diagnosis.update, lambda _: 0.5),
+    'recordings': (recordings.update, lambda _: 0.5),
+}
+"""View: (function that returns what changed, interval of its charts and tables [s])."""
+
+
+class Live:
+    """Encodes messages, each once per tick, and sends them."""
+
+    def __init__(self, store: Store) -> None:
+        """Show what is in the store."""
+        self._store = store
+        self._messages: dict[tuple[Options, bool], tuple[int, bytes]] = {}
+        self.browsers = 0
+
+    def message(self, options: Options, whole: bool) -> bytes:
+        """Return the message of this tick; `whole` one holds charts and tables whatever their interval."""
+        tick = math.floor(self._store.clock() / INTERVAL)
+        key = (options, whole)
+        known = self._messages.get(key)
+        if known is not None and known[0] == tick:
+            return known[1]
+        update, interval = UPDATES.get(options.view, (_NOTHING, lambda _: 1.0))
+        every = max(1, round(interval(options) / INTERVAL))
+        with self._store.lock:
+            content = update(self._store, options, whole or tick % every == 0)
+            content['layout'] = layout(self._store)
+        encoded = orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
+        self._messages = {k: m for k, m in self._messages.items() if m[0] >= tick - 1} | {key: (tick, encoded)}
+        return encoded
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Send messages to one browser until it leaves; one that is slow gets the newest, not all."""
+        if self.browsers >= _LIMIT:
+            await socket.close(1013)
+            return
+        await socket.accept()
+        self.browsers += 1
+        options, whole = Options.of(socket.query_params), True
+        listening = asyncio.ensure_future(socket.receive())
+        try:
+            while not listening.done():
+                text = self.message(options, whole).decode()
+                await asyncio.wait_for(socket.send_text(text), _SEND_LIMIT)
+                whole = False
+                await asyncio.wait({listening}, timeout=INTERVAL - self._store.clock() % INTERVAL + 0.001)
+        except (WebSocketDisconnect, TimeoutError, RuntimeError):
+            pass
+        finally:
+            self.browsers -= 1
+            listening.cancel()
+
+
+def layout(store: Store) -> str:
+    """Return what decides which elements a page has: the names of pairs and stations."""
+    return ' '.join([*sorted(store.pairs), '|', *sorted(store.stations)])

@@ -1,0 +1,157 @@
+"""View "Now": the distance, readable from two metres away, whether it may be used, and where the crane stands."""
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from ..state.store import Pair, Store
+from ..words import flags
+from ..words.numbers import NONE, distance, number, span
+from ..words.phrases import phrase
+from . import crane
+from .frame import Viewer, field, link, text
+
+_VALUES = ('std', 'velocity', 'protection', 'mode', 'rate', 'error')
+_RAIL_TIME = 600  # of ranges that the rail has to show [s]
+
+
+def build(viewer: Viewer) -> None:
+    """Add the view."""
+    say, store = viewer.say, viewer.host.store
+    names = sorted(store.pairs)
+    if not names:
+        text('p', say('now.none'), 'empty')
+        return
+    name = viewer.pair
+    with ui.element('section').classes('card hero') as hero:
+        hero.props['data-field'] = 'hero'
+        with ui.element('div').classes('line'):
+            text('h2', name.replace('/', ' → '))
+            field('span', 'hero.fresh', 'chip')
+        with ui.element('div').classes('distance').props('aria-live=off'):
+            field('span', 'hero.range', 'big', NONE)
+            text('span', 'm', 'unit')
+        with ui.element('div').classes('verdict').props('role=status'):
+            field('strong', 'hero.quality', 'quality')
+            field('span', 'hero.words', 'words')
+        with ui.element('dl').classes('values'):
+            for value in _VALUES:
+                with ui.element('div'):
+                    text('dt', say(f'now.{value}'))
+                    field('dd', f'hero.{value}', '', NONE)
+    with ui.element('section').classes('card') as rail:
+        rail.props['data-field'] = 'rail'
+        field('h2', 'rail.title')
+        ui.html(crane.picture(), sanitize=False)  # no text from outside in it
+        field('p', 'weather', 'weather')
+    text('h2', say('now.pairs'), 'cards-title')
+    with ui.element('div').classes('cards'):
+        for other in names:
+            _card(viewer, other)
+
+
+def _card(viewer: Viewer, name: str) -> None:
+    with ui.element('article').classes('card pair') as card:
+        card.props['data-field'] = f'{name}.card'
+        with ui.element('div').classes('line'):
+            link(name.replace('/', ' → '), f'/?pair={name}', 'name')
+            field('span', f'{name}.fresh', 'chip')
+        with ui.element('div').classes('distance'):
+            field('span', f'{name}.range', 'middle', NONE)
+            text('span', 'm', 'unit')
+        field('p', f'{name}.line')
+        field('p', f'{name}.words', 'words')
+
+
+def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
+    """Return the texts and states of this view."""
+    names = sorted(store.pairs)
+    texts: dict[str, str] = {}
+    states: dict[str, str] = {}
+    for name in names:
+        values = described(store, store.pairs[name], options.language)
+        texts |= {f'{name}.{key}': values[key] for key in ('range', 'fresh')}
+        texts[f'{name}.line'] = f'± {values["std"]} · {values["velocity"]} · {values["rate"]}'
+        texts[f'{name}.words'] = f'{values["quality"]}: {values["words"]}'
+        states[f'{name}.card'] = states[f'{name}.fresh'] = values['state']
+    if not names:
+        return {}
+    pair = store.pairs[store.chosen(options.pair)]
+    values = described(store, pair, options.language)
+    state = values.pop('state')
+    texts |= {f'hero.{key}': content for key, content in values.items()}
+    states |= {'hero': state, 'hero.fresh': state, 'hero.quality': state, 'rail': state}
+    attributes, marks = _rail(pair, options.language)
+    number_of_sweep = str(pair.newest.sweep_id) if pair.newest else ''
+    attributes['hero.range'] = {'data-sweep': number_of_sweep}
+    return {
+        'text': texts | marks | {'weather': weather(store, options.language)},
+        'state': states,
+        'attributes': attributes,
+    }
+
+
+def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
+    """Return a pair's texts by name, and 'state': good, doubtful, unusable or stale."""
+    newest, age = pair.newest, store.age(pair)
+    if newest is None:
+        none = dict.fromkeys((*_VALUES, 'range', 'quality', 'words'), NONE)
+        return none | {'fresh': phrase('now.waiting', language), 'state': 'stale'}
+    stale = store.is_stale(pair)
+    words = '; '.join(flags.range_flags(newest.flags, language)) or phrase('now.no-doubt', language)
+    if newest.failed_tests:
+        tests = ', '.join(flags.failed_tests(newest.failed_tests, language))
+        words += '. ' + phrase('now.failed', language).format(tests=tests)
+    quality = flags.quality(newest.flags)
+    key = 'now.stale' if stale else 'now.fresh'
+    fresh = phrase(key, language).format(age=span(age))
+    return {
+        'range': distance(newest.range),
+        'std': f'{number(newest.range_std, 2, 1e3)} mm',
+        'velocity': f'{number(newest.velocity, 3, sign=True)} m/s' if math.isfinite(newest.velocity) else NONE,
+        'protection': _protection(newest.protection_level, language),
+        'mode': flags.mode(newest.mode, language),
+        'rate': f'{number(pair.rate(store.clock()), 0)} {phrase("unit.per-second", language)}',
+        'error': f'{number(pair.error, 2, 1e3, sign=True)} mm' if math.isfinite(pair.error) else NONE,
+        'quality': phrase(f'now.quality.{quality}', language),
+        'words': words,
+        'fresh': fresh,
+        'state': 'stale' if stale else quality,
+    }
+
+
+def _protection(level: float, language: str) -> str:
+    if math.isinf(level):
+        return phrase('now.refused', language)
+    return f'{number(level, 1, 1e3)} mm' if math.isfinite(level) else NONE
+
+
+def _rail(pair: Pair, language: str) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
+    """Return (attributes of the crane's parts, texts of the scale)."""
+    newest = pair.newest.range if pair.newest else math.nan
+    seen = pair.histories['range'].curve(_RAIL_TIME, time.time_ns()).high
+    length = crane.rail_length(float(np.max(seen)) if len(seen) else newest)
+    x = crane.position(newest, length)
+    texts = {f'tick.{i}': f'{length * i / crane.TICKS:g} m' for i in range(crane.TICKS + 1)}
+    texts['rail.title'] = phrase('now.rail', language).format(length=f'{length:g}')
+    moved = {
+        'crane': {'transform': f'translate({x:.1f} 0)'},
+        'beam': {'d': f'M{crane.LEFT} 64H{max(x - 8, crane.LEFT):.1f}'},
+    }
+    return moved, texts
+
+
+def weather(store: Store, language: str) -> str:
+    """Return temperature, pressure and humidity in one line."""
+    values = []
+    for topic, scale, digits, unit in (
+        ('/site/temperature', 1.0, 1, '°C'),
+        ('/site/pressure', 0.01, 1, 'hPa'),
+        ('/site/humidity', 100.0, 0, '%'),
+    ):
+        reading = store.site.get(topic)
+        values.append(f'{number(reading[0], digits, scale)} {unit}' if reading else NONE)
+    return f'{phrase("now.weather", language)}: {" · ".join(values)}'

@@ -1,0 +1,121 @@
+"""View "Stations": health, clocks, calibration and settings of each station, diagnostics of all nodes, version."""
+
+import math
+import time
+from typing import Any
+
+from nicegui import ui
+
+from ..state.store import Station, Store
+from ..words import flags
+from ..words.numbers import NONE, number, span
+from ..words.phrases import phrase
+from .frame import Viewer, field, section, table, text
+
+_HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link')
+_CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'floor', 'phase')
+_STALE = 3.0  # of a status, which comes about once a second [s]
+
+
+def build(viewer: Viewer) -> None:
+    """Add the view."""
+    say, store = viewer.say, viewer.host.store
+    if not store.stations:
+        text('p', say('stations.none'), 'empty')
+    with ui.element('div').classes('grid'):
+        for name in sorted(store.stations):
+            with section(name) as card:
+                card.props['data-field'] = f'{name}.card'
+                _values(viewer, name, say('stations.health'), _HEALTH)
+                _values(viewer, name, say('stations.calibration'), _CALIBRATION)
+                text('h3', say('stations.settings'))
+                field('p', f'{name}.settings', '', NONE)
+    with section(say('stations.diagnostics')):
+        names = ('level', 'name', 'message', 'hardware')
+        table('diagnostics', [say(f'stations.{name}') for name in names], 'diagnostics')
+    with section(say('stations.version')):
+        text('p', viewer.host.version)
+        field('p', 'latency')
+
+
+def _values(viewer: Viewer, name: str, title: str, keys: tuple[str, ...]) -> None:
+    text('h3', title)
+    with ui.element('dl').classes('values small'):
+        for key in keys:
+            with ui.element('div'):
+                text('dt', viewer.say(f'stations.{key}'))
+                field('dd', f'{name}.{key}', '', NONE)
+
+
+def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
+    """Return the texts and the table of diagnostics."""
+    if not whole:
+        return {}
+    language = options.language
+    texts: dict[str, str] = {}
+    states: dict[str, str] = {}
+    for name, station in store.stations.items():
+        found, state = _health(store, station, language)
+        found |= _calibration(station, language) | {'settings': _settings(station, language)}
+        texts |= {f'{name}.{key}': value for key, value in found.items()}
+        states[f'{name}.card'] = state
+        states[f'{name}.pll'] = 'unusable' if station.health and not station.health.pll_locked else 'good'
+    texts['latency'] = f'{phrase("stations.latency", language)}: {_latency(store.latency)}'
+    level = {0: 'good', 1: 'doubtful', 2: 'unusable', 3: 'stale'}
+    rows = [
+        [
+            {'text': phrase(f'level.{min(d.level, 3)}', language), 'state': level[min(d.level, 3)]},
+            d.name,
+            '; '.join([d.message, *(f'{key}: {value}' for key, value in d.values[:8] if d.level)]),
+            d.hardware,
+        ]
+        for d in store.current_diagnostics()
+    ]
+    return {'text': texts, 'state': states, 'rows': {'diagnostics': rows}}
+
+
+def _latency(value: float) -> str:
+    """Return a clock difference; a simulated site counts its own time, which may be far off."""
+    if abs(value) < 10.0:
+        return f'{number(value, 1, 1e3, sign=True)} ms'
+    return ('+' if value > 0 else '−') + span(abs(value))
+
+
+def _health(store: Store, station: Station, language: str) -> tuple[dict[str, str], str]:
+    health, age = station.health, store.clock() - station.health_received
+    if health is None:
+        return {}, 'stale'
+    found = {
+        'seen': span(age),
+        'temperature': f'{number(health.temperature, 1)} °C',
+        'pll': phrase('stations.locked' if health.pll_locked else 'stations.unlocked', language),
+        'loss': f'{number(health.loss, 2, 100.0)} % ({health.dropped} / {health.sweeps})',
+        'link': f'{number(health.link_quality, 0, 100.0)} %',
+    }
+    return found, 'stale' if age > _STALE else 'good' if health.pll_locked else 'unusable'
+
+
+def _calibration(station: Station, language: str) -> dict[str, str]:
+    used = station.calibration
+    if used is None:
+        return {'calibrated': phrase('stations.uncalibrated', language)}
+    age = time.time() - station.calibration_stamp * 1e-9 if station.calibration_stamp else math.nan
+    return {
+        'calibrated': span(age),
+        'alpha': f'{number(used.alpha - 1.0, 3, 1e6, sign=True)} ppm',
+        'adc': f'{number(used.sample_clock_alpha - 1.0, 3, 1e6, sign=True)} ppm',
+        'delay': f'{number(used.delay, 3, 1e9)} ns',
+        'at': f'{number(used.temperature, 1)} °C',
+        'floor': f'{number(used.noise_floor, 1)} dBm/Hz',
+        'phase': f'{number(used.phase_noise_level, 1)} dBc/Hz',
+    }
+
+
+def _settings(station: Station, language: str) -> str:
+    """Return one sentence per peer."""
+    return '; '.join(
+        f'→ {peer}: {flags.mode(s.mode, language)}, {s.start_frequency * 1e-6:.6g} MHz + {s.bandwidth * 1e-6:.6g} MHz '
+        f'/ {s.ramp_duration * 1e3:.6g} ms, T_off {s.start_delay * 1e6:.4g} µs, '
+        f'{s.sample_count} / {s.sample_rate * 1e-6:.6g} MHz'
+        for peer, s in sorted(station.settings.items())
+    )

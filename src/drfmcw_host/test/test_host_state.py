@@ -1,0 +1,124 @@
+"""What the page shows: histories keep every extreme, staleness follows the clock, errors follow the reference."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from drfmcw_host.state.history import WINDOWS, History
+from drfmcw_host.state.readings import RangeReading, decimated
+from drfmcw_host.state.store import STALE_AFTER, Store
+
+SECOND = 1_000_000_000
+
+
+def reading(sweep_id=1, stamp=0, distance=100.0, flags=0):
+    return RangeReading(sweep_id, stamp, 0, flags, 0, distance, 0.001, 0.0, 0.01)
+
+
+@pytest.mark.parametrize('span', WINDOWS)
+def test_history_keeps_the_extremes_of_every_span(span):
+    """A single outlier within the span stays visible, however coarse the scale is."""
+    rng = np.random.default_rng(1)
+    times = np.sort(rng.integers(0, span * SECOND, 20_000))
+    values = rng.normal(10.0, 1.0, len(times))
+    values[len(values) // 2], values[len(values) // 3] = 99.0, -99.0
+    history = History()
+    for part in np.array_split(np.arange(len(times)), 37):
+        history.add(times[part], values[part])
+    curve = history.curve(span, int(times[-1]))
+    assert curve.high.max() == 99.0 and curve.low.min() == -99.0
+    assert len(curve.times) <= 600
+    assert np.all(np.diff(curve.times) > 0)
+    assert np.all((curve.low <= curve.mean) & (curve.mean <= curve.high))
+
+
+def test_history_is_the_same_however_it_arrives():
+    rng = np.random.default_rng(2)
+    times = np.sort(rng.integers(0, 100 * SECOND, 3000))
+    values = rng.normal(size=len(times))
+    whole, single = History(), History()
+    whole.add(times, values)
+    for t, v in zip(times, values, strict=True):
+        single.add(np.array([t]), np.array([v]))
+    for span in WINDOWS:
+        one, other = (h.curve(span, int(times[-1])) for h in (whole, single))
+        np.testing.assert_array_equal(one.high, other.high)
+        np.testing.assert_allclose(one.mean, other.mean, rtol=1e-12, atol=1e-12)
+
+
+def test_history_mean_is_that_of_all_values():
+    """On the 24 h scale one interval of 144 s holds them all."""
+    history = History()
+    values = np.arange(1000.0)
+    history.add(np.linspace(0, 100 * SECOND, 1000).astype(np.int64), values)
+    assert history.curve(86_400, 100 * SECOND).mean == pytest.approx([values.mean()])
+
+
+def test_history_forgets_what_is_older_than_the_span():
+    history = History()
+    history.add(np.array([0]), np.array([1.0]))
+    history.add(np.array([90_000 * SECOND]), np.array([2.0]))
+    assert list(history.curve(86_400, 90_000 * SECOND).mean) == [2.0]
+    assert not len(history.curve(10, 90_100 * SECOND).mean)
+
+
+def test_history_leaves_out_what_is_no_number_and_refuses_impossible_spans():
+    history = History()
+    history.add(np.array([1, 2]), np.array([math.nan, math.inf]))
+    assert not len(history.curve(10, 3).times)
+    for span in (0.0, -1.0, 90_000.0, math.nan):
+        with pytest.raises(ValueError):
+            history.curve(span, 0)
+
+
+def test_decimation_keeps_every_line():
+    """A line of one bin is as strong after decimation, wherever it stands."""
+    for line in range(0, 1024, 7):
+        magnitude = np.full(1024, -90.0)
+        magnitude[line] = -20.0
+        shown, group = decimated(magnitude, 512)
+        assert group == 2 and shown.max() == -20.0 and shown.argmax() == line // 2
+
+
+def test_range_becomes_stale_by_the_clock_alone():
+    """Nothing has to arrive for that."""
+    now = [100.0]
+    store = Store(clock=lambda: now[0])
+    store.add_ranges('a/b', [reading()], [time.time_ns()])
+    pair = store.pairs['a/b']
+    assert not store.is_stale(pair)
+    now[0] += STALE_AFTER + 0.05
+    assert store.is_stale(pair)
+    store.add_ranges('a/b', [reading(2)], [time.time_ns()])
+    assert not store.is_stale(pair)
+
+
+def test_pair_without_a_range_is_stale():
+    store = Store()
+    store.add_ranges('a/b', [], [])
+    assert store.is_stale(store.pairs['a/b'])
+
+
+def test_error_is_that_against_the_reference_of_the_same_time():
+    now = [100.0]
+    store = Store(clock=lambda: now[0])
+    for second in range(3):
+        store.add_reference(second * SECOND, 10.0 + second, '')
+    readings = [reading(1, SECOND, 11.002), reading(2, SECOND + SECOND // 2, 11.497)]
+    store.add_ranges('a/b', readings, [time.time_ns()] * 2)
+    assert math.isnan(store.pairs['a/b'].error)  # the next reading of the reference may still come
+    now[0] += 1.0
+    store.add_ranges('a/b', [], [])
+    assert store.pairs['a/b'].error == pytest.approx(-0.003, abs=1e-9)
+    curve = store.pairs['a/b'].histories['error'].curve(60, time.time_ns())
+    assert curve.high.max() == pytest.approx(0.002, abs=1e-9)
+
+
+def test_memory_is_bounded_whatever_names_arrive():
+    store = Store()
+    for i in range(1000):
+        store.add_ranges(f'a/{i}', [reading()], [time.time_ns()])
+        store.station(str(i))
+    assert len(store.pairs) == len(store.stations) == 64

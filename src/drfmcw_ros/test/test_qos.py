@@ -1,0 +1,128 @@
+"""Readings with whatever QoS a sensor publishes them, overrides of QoS, unique names in diagnostics."""
+
+import contextlib
+import time
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import Temperature
+
+from drfmcw_ros import qos
+from drfmcw_ros.diagnostics import Diagnostics
+
+pytestmark = pytest.mark.graph
+
+LIMIT = 30.0  # for discovery on a busy machine [s]
+TOPIC = '/site/temperature'
+
+
+@pytest.fixture(scope='module')
+def context():
+    """A context in the ROS domain that conftest.py gives to this process."""
+    made = rclpy.Context()
+    rclpy.init(args=[], context=made)
+    yield made
+    made.try_shutdown()
+
+
+@contextlib.contextmanager
+def spinning(context, **nodes):
+    """Nodes by name, and a function that spins them until a condition holds."""
+    executor = SingleThreadedExecutor(context=context)
+    made = [Node(name, context=context, **options) for name, options in nodes.items()]
+    for node in made:
+        executor.add_node(node)
+
+    def until(condition):
+        end = time.monotonic() + LIMIT
+        while not condition():
+            assert time.monotonic() < end
+            executor.spin_once(0.05)
+
+    yield (*made, until)
+    executor.shutdown()
+    for node in made:
+        node.destroy_node()
+
+
+def reading(value):
+    """A temperature."""
+    return Temperature(temperature=value)
+
+
+@pytest.mark.parametrize('profile', [qos.WEATHER, qos.RELIABLE, qos.SENSOR], ids=['latched', 'reliable', 'best_effort'])
+def test_readings_of_every_sensor_arrive(context, profile):
+    """Latched ones also where they were published before; the others once the subscription is matched."""
+    with spinning(context, sensor={}, listener={}) as (sensor, listener, until):
+        sender = sensor.create_publisher(Temperature, TOPIC, profile)
+        if profile is qos.WEATHER:
+            sender.publish(reading(7.0))
+        heard = []
+        qos.readings(listener, Temperature, TOPIC, heard.append)
+        if profile is not qos.WEATHER:
+            until(sender.get_subscription_count)
+            sender.publish(reading(7.0))
+        until(lambda: heard)
+        assert [m.temperature for m in heard] == [7.0], 'and once only'
+
+
+def test_sensor_that_comes_later_is_heard_too(context):
+    """Beside the latched readings of a sensor that was there before."""
+    with spinning(context, sensor={}, other={}, listener={}) as (sensor, other, listener, until):
+        sensor.create_publisher(Temperature, TOPIC, qos.WEATHER).publish(reading(7.0))
+        heard = set()
+        first = qos.FirstTopics(listener)
+        first.readings(Temperature, TOPIC, lambda m: heard.add(m.temperature))
+        until(lambda: heard == {7.0})
+        late = other.create_publisher(Temperature, TOPIC, qos.SENSOR)
+        until(late.get_subscription_count)
+        late.publish(reading(8.0))
+        until(lambda: first.poll() or heard == {7.0, 8.0})
+
+
+def test_override_changes_one_topic_only(context):
+    """It is a parameter of the node then, and the profile that others share stays as it was."""
+    name = 'qos_overrides./a.publisher.reliability'
+    given = {'parameter_overrides': [Parameter(name, value='best_effort')]}
+    with spinning(context, changed=given) as (node, _):
+        changed = qos.publisher(node, Temperature, '/a', qos.RELIABLE)
+        other = qos.publisher(node, Temperature, '/b', qos.RELIABLE)
+        assert changed.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        assert other.qos_profile.reliability == qos.RELIABLE.reliability == ReliabilityPolicy.RELIABLE
+        listed = {n for n in node._parameters if n.startswith('qos_overrides')}
+        assert listed == {f'qos_overrides./a.publisher.{x}' for x in ('history', 'depth', 'reliability')}
+
+
+@pytest.mark.parametrize('switch', [False, True])
+def test_overrides_are_listed_behind_one_switch(context, switch):
+    given = {'parameter_overrides': [Parameter('declare_qos_overrides', value=switch)]}
+    with spinning(context, listed=given) as (node, _):
+        qos.publisher(node, Temperature, 'a', qos.RELIABLE)
+        qos.subscription(node, Temperature, 'b', print, qos.RELIABLE)
+        assert sum(n.startswith('qos_overrides') for n in node._parameters) == (6 if switch else 0)
+
+
+def test_two_stations_do_not_hide_each_other_in_the_diagnostics(context):
+    """An aggregator keeps the newest status of each name."""
+    stations = {'namespace': '/master'}, {'namespace': '/slave'}
+    with spinning(context, station=stations[0]) as (one, _), spinning(context, station=stations[1]) as (two, until):
+        names = set()
+        heard = []
+        two.create_subscription(DiagnosticArray, '/diagnostics', heard.append, qos.RELIABLE)
+        for node in (one, two):
+            Diagnostics(node, node.get_namespace()).add('Sweeps', lambda status: None)
+        other = SingleThreadedExecutor(context=context)
+        other.add_node(one)
+
+        def both():
+            other.spin_once(0.05)
+            names.update(status.name for array in heard for status in array.status)
+            return len(names) == 2
+
+        until(both)
+        assert names == {'/master/station: Sweeps', '/slave/station: Sweeps'}

@@ -1,0 +1,341 @@
+"""The host's page in a real Chromium, beside a real graph: what it shows is true, and who may not change does not."""
+
+import contextlib
+import dataclasses
+import http.client
+import json
+import shutil
+import signal
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from drfmcw_msgs.msg import RangeEstimate
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+from rclpy.parameter import parameter_dict_from_yaml_file
+from scenes import mapping
+
+from drfmcw_bringup.graph import HOST, Graph, private_environment
+from drfmcw_bringup.monitor import RangeMonitor, monitored
+from drfmcw_bringup.run import start_graph
+from drfmcw_host.access.passwords import Passwords
+from drfmcw_host.files.recordings import Recordings
+from drfmcw_ros import qos
+from drfmcw_sim.scenario import read_scenario
+
+CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None)
+
+pytestmark = [
+    pytest.mark.graph,
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on this machine'),
+]
+
+LIMIT = 90.0  # for anything that is waited for, on a busy machine [s]
+expect.set_options(timeout=LIMIT * 1000)
+USER, PASSWORD = 'anna', 'correct horse battery'
+HOSTILE = '<img src=x onerror="window.hacked=1">{{ constructor }}<script>window.hacked=1</script>'
+STANDING = {'standing': {'distances': [100.0], 'sweeps': 1_000_000}}
+SHOWN = """() => {
+  const text = (key) => document.querySelector(`[data-field="hero.${key}"]`).textContent;
+  return [document.querySelector('[data-field="hero.range"]').dataset.sweep, text('range'), text('std'),
+          document.querySelector('[data-field=hero]').dataset.state];
+}"""
+
+
+@dataclasses.dataclass
+class Site:
+    """A graph with its host, and a browser."""
+
+    graph: Graph
+    monitor: RangeMonitor
+    state: Path
+    port: int
+    browser: Browser
+    cookies: list[Any] = dataclasses.field(default_factory=list)
+
+    @property
+    def url(self) -> str:
+        return f'http://127.0.0.1:{self.port}'
+
+    def start_host(self) -> None:
+        arguments = ('--port', str(self.port), '--state', str(self.state))
+        host = self.graph.start('host', HOST, *arguments)
+        wait(lambda: 'host: ' in self.graph.last_words(host), 'the page', lambda: self.graph.last_words(host))
+
+    @contextlib.contextmanager
+    def page(self, path: str = '/', user: bool = False, **options: Any):
+        """A page of its own, with the session of the user or without any."""
+        context = self.browser.new_context(locale=options.pop('locale', 'en-GB'), **options)
+        context.set_default_timeout(LIMIT * 1000)
+        page = context.new_page()
+        if user and not self.cookies:
+            page.goto(f'{self.url}/login')
+            page.fill('[name=user]', USER)
+            page.fill('[name=password]', PASSWORD)
+            page.click('button[type=submit]')
+            self.cookies = [c for c in context.cookies() if c['name'] == 'drfmcw_session']
+            assert self.cookies and self.cookies[0]['httpOnly'] and self.cookies[0]['sameSite'] == 'Strict'
+        elif user:
+            context.add_cookies(self.cookies)
+        page.goto(self.url + path)
+        page.wait_for_selector('.content')
+        try:
+            yield page
+        finally:
+            context.close()
+
+    def request(self, method: str, path: str, **headers: str) -> tuple[int, dict[str, str]]:
+        connection = http.client.HTTPConnection('127.0.0.1', self.port, timeout=LIMIT)
+        try:
+            connection.request(method, path, headers={'Host': f'127.0.0.1:{self.port}'} | headers)
+            answer = connection.getresponse()
+            answer.read()
+            return answer.status, {name.lower(): value for name, value in answer.getheaders()}
+        finally:
+            connection.close()
+
+    def audit(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in (self.state / 'audit.jsonl').read_text().splitlines()]
+
+
+def wait(condition: Any, what: str, words: Any = lambda: '') -> None:
+    end = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < end, f'waited {LIMIT:g} s for {what}; {words()}'
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory):
+    """One simulated site with its host for all tests."""
+    directory = tmp_path_factory.mktemp('site')
+    scenario = directory / 'scenario.yaml'
+    scenario.write_text(yaml.safe_dump(mapping(STANDING, timing={'sweep_interval': 0.05})))
+    state = directory / 'state'
+    Passwords(state / 'passwords.json').set(USER, PASSWORD)
+    with socket.create_server(('127.0.0.1', 0)) as probe:
+        port = probe.getsockname()[1]
+    environment = private_environment()
+    with (
+        Graph(environment, directory / 'log') as graph,
+        monitored(['master/slave'], int(environment['ROS_DOMAIN_ID']), keep=True) as monitor,
+        sync_playwright() as playwright,
+    ):
+        start_graph(graph, scenario, read_scenario(scenario), {}, monitor)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        opened = Site(graph, monitor, state, port, browser)
+        opened.start_host()
+        wait(lambda: monitor.total, 'the first range')
+        yield opened
+        browser.close()
+
+
+def fresh(page: Page) -> None:
+    """Wait until the page shows a current range."""
+    expect(page.locator('[data-field="hero"]')).not_to_have_attribute('data-state', 'stale')
+    page.wait_for_function('() => document.querySelector(\'[data-field="hero.range"]\').dataset.sweep')
+
+
+def test_page_shows_the_values_of_the_topic(site):
+    """Text, standard deviation and state are those of the message of the same sweep, for ten different sweeps."""
+    seen: dict[int, list[str]] = {}
+    with site.page() as page:
+        fresh(page)
+        while len(seen) < 10:
+            sweep, *shown = page.evaluate(SHOWN)
+            seen[int(sweep)] = shown
+            page.wait_for_timeout(60)
+    messages = {a.sweep_id: a.message for a in site.monitor.arrivals}
+    for sweep, (distance, std, state) in seen.items():
+        message = messages[sweep]
+        assert distance == f'{message.range:.3f}' and std == f'{message.range_std * 1e3:.2f} mm'
+        assert state in ('good' if not message.flags else 'doubtful', 'stale')
+
+
+def test_page_says_when_nothing_arrives_and_recovers(site):
+    """The age counts although no message comes; afterwards the page is current again."""
+    simulator = site.graph.members['simulator'].process
+    with site.page() as page:
+        fresh(page)
+        simulator.send_signal(signal.SIGSTOP)
+        try:
+            chip = page.locator('[data-field="hero.fresh"]')
+            expect(page.locator('[data-field="hero"]')).to_have_attribute('data-state', 'stale')
+            expect(chip).to_contain_text('STALE')
+            before = chip.text_content()
+            expect(chip).not_to_have_text(before)
+            assert page.locator('.hero .big').evaluate('e => Number(getComputedStyle(e.parentElement).opacity)') < 0.5
+        finally:
+            simulator.send_signal(signal.SIGCONT)
+        fresh(page)
+
+
+def parameter_row(page: Page, name: str):
+    row = page.locator(f'[data-parameter="{name}"]')
+    row.wait_for()
+    return row
+
+
+def test_parameter_is_changed_refused_undone_and_saved(site):
+    """All as the node itself says; the log has time, user and the node's reason."""
+    name = 'maximum_range'
+    with site.page('/configuration', user=True) as page:
+        row = parameter_row(page, name)
+        before = row.locator('input').input_value()
+        row.locator('input').fill('4321.5')
+        row.locator('input').press('Enter')
+        page.get_by_text(f'/fusion: {name} = 4321.5').first.wait_for()
+        expect(parameter_row(page, name).locator('input')).to_have_value('4321.5')
+        row = parameter_row(page, name)
+        row.locator('input').fill('-5')
+        row.locator('input').press('Enter')
+        page.get_by_text(f'/fusion refused {name} = -5').first.wait_for()
+        page.get_by_role('button', name='Reload').click()
+        expect(parameter_row(page, name).locator('input')).to_have_value('4321.5')
+        page.get_by_role('button', name='Save as parameter file').click()
+        page.get_by_text('./drfmcw run --parameters').first.wait_for()
+        page.get_by_role('button', name='Undo').first.click()
+        expect(parameter_row(page, name).locator('input')).to_have_value(before)
+    changes = [entry for entry in site.audit() if entry['action'] == 'parameter']
+    assert [(c['user'], c['to'], c['taken']) for c in changes] == [
+        (USER, '4321.5', True),
+        (USER, '-5', False),
+        (USER, before, True),
+    ]
+    assert changes[1]['reason'] and all(c['time'] and c['address'] == '127.0.0.1' for c in changes)
+    saved = parameter_dict_from_yaml_file(str(site.state / 'parameters' / 'site.yaml'), target_nodes=['/fusion'])
+    assert saved[name].value.double_value == 4321.5
+
+
+def test_without_login_nothing_can_be_changed(site):
+    with site.page('/configuration') as page:
+        parameter_row(page, 'maximum_range')
+        assert page.locator('tbody input').count() == 0
+        page.goto(f'{site.url}/recordings')
+        page.wait_for_selector('.recorder')
+        assert page.get_by_role('button').count() == 0
+    assert site.request('GET', '/recordings/any.tar')[0] == 403
+    assert site.request('GET', '/', Host='evil.example')[0] == 403
+    assert site.request('POST', '/login', Origin='http://evil.example')[0] == 403
+    assert site.request('POST', '/logout')[0] == 403
+    upgrade = {'Connection': 'Upgrade', 'Upgrade': 'websocket', 'Sec-WebSocket-Version': '13'}
+    upgrade |= {'Sec-WebSocket-Key': 'AAAAAAAAAAAAAAAAAAAAAA==', 'Origin': 'http://evil.example'}
+    assert site.request('GET', '/live?view=now', **upgrade)[0] == 403
+    assert site.request('GET', '/_nicegui_ws/socket.io/?EIO=4&transport=websocket', **upgrade)[0] == 403
+
+
+def test_wrong_password_is_refused_and_logged_without_it(site):
+    with site.page('/login') as page:
+        page.fill('[name=user]', USER)
+        page.fill('[name=password]', 'wrong wrong wrong')
+        page.click('button[type=submit]')
+        expect(page.locator('[role=alert]')).to_contain_text('wrong')
+        assert not [c for c in page.context.cookies() if c['name'] == 'drfmcw_session']
+    log = (site.state / 'audit.jsonl').read_text()
+    assert 'login failed' in log and 'wrong wrong' not in log and PASSWORD not in log
+
+
+def test_logout_ends_the_session(site):
+    with site.page('/recordings', user=True) as page:
+        page.get_by_role('button', name='Start recording').wait_for()
+        page.locator('form[action="/logout"] button').click()
+        page.wait_for_selector('.badge')
+        page.context.add_cookies(site.cookies)  # the old cookie again
+        page.goto(f'{site.url}/recordings')
+        page.wait_for_selector('.badge')
+    site.cookies = []
+
+
+def test_hostile_names_are_text(site):
+    """Names in messages come from anywhere on the network; none becomes markup."""
+    node = site.monitor
+    diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
+    ranges = node.create_publisher(RangeEstimate, '/evil/twin/range', qos.RELIABLE)
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=HOSTILE, message=HOSTILE, hardware_id=HOSTILE)
+    status.values = [KeyValue(key=HOSTILE, value=HOSTILE)]
+    message = RangeEstimate(first_station=HOSTILE, second_station=HOSTILE, range=1.0, flags=255)
+
+    def publish() -> None:
+        diagnostics.publish(DiagnosticArray(status=[status]))
+        ranges.publish(message)
+
+    timer = node.create_timer(0.1, publish)
+    try:
+        with site.page('/stations') as page:
+            cell = page.locator('tbody[data-field=diagnostics] td', has_text='onerror').first
+            cell.wait_for()
+            assert HOSTILE in cell.text_content()
+            for view in ('/', '/diagnosis', '/signals', '/over-time?pair=evil/twin', f'/?pair={HOSTILE}'):
+                page.goto(site.url + view)
+                page.wait_for_selector('.content')
+                page.wait_for_timeout(300)
+                assert page.evaluate('() => window.hacked') is None
+                assert page.locator('img[src=x]').count() == 0
+    finally:
+        node.destroy_timer(timer)
+        node.destroy_publisher(diagnostics)
+        node.destroy_publisher(ranges)
+
+
+def test_recording_is_made_recomputed_and_deleted(site):
+    kept = Recordings(site.state / 'recordings')
+    with site.page('/recordings', user=True) as page:
+        page.get_by_label('Name').fill('../outside')
+        page.get_by_role('button', name='Start recording').click()
+        page.get_by_text("name '../outside'").wait_for()
+        page.get_by_label('Name').fill('yard')
+        page.get_by_role('button', name='Start recording').click()
+        expect(page.locator('.recorder')).to_contain_text('yard')
+        wait(lambda: kept.size('yard') > 200_000, 'data in the recording')
+        page.get_by_role('button', name='Stop recording').click()
+        entry = page.locator('[data-recording=yard]')
+        entry.wait_for()
+        with page.expect_download() as download:
+            entry.get_by_text('Download').click()
+        assert download.value.path().stat().st_size > kept.size('yard')
+        entry.get_by_role('button', name='Recompute').click()
+        page.get_by_text('Recomputing yard: done').wait_for()
+        entry.get_by_role('button', name='Show result').click()
+        frame = page.locator('iframe.report')
+        frame.wait_for()
+        assert frame.get_attribute('sandbox') == ''
+        entry.get_by_role('button', name='Delete').click()
+        page.get_by_role('dialog').get_by_role('button', name='Delete').click()
+        expect(entry).to_have_count(0)
+    assert kept.list() == [] and [e['recording'] for e in site.audit() if e['action'] == 'delete'] == ['yard']
+
+
+def test_page_is_german_where_the_browser_is(site):
+    with site.page('/', locale='de-DE') as page:
+        expect(page.locator('header nav')).to_contain_text('Aufzeichnungen')
+        expect(page.locator('.hero')).to_contain_text('Standardabweichung')
+        page.get_by_text('English').click()
+        expect(page.locator('.hero')).to_contain_text('Standard deviation')
+
+
+def test_page_can_be_used_by_keyboard_on_a_tablet(site):
+    """The first Tab leads to the content; no page is wider than the screen."""
+    with site.page('/', viewport={'width': 768, 'height': 1024}) as page:
+        page.keyboard.press('Tab')
+        assert page.evaluate('() => document.activeElement.className') == 'skip'
+        for view in ('/', '/over-time', '/signals', '/stations', '/configuration', '/recordings'):
+            page.goto(site.url + view)
+            page.wait_for_selector('.content')
+            assert page.evaluate('() => document.documentElement.scrollWidth <= innerWidth + 1'), view
+
+
+def test_page_survives_a_restart_of_the_server(site):
+    """Last of all: the page says that it is cut off, and is current again by itself afterwards."""
+    with site.page() as page:
+        fresh(page)
+        site.graph.stop('host')
+        page.wait_for_function("() => document.documentElement.dataset.lost === 'true'")
+        expect(page.locator('.lost')).to_be_visible()
+        site.start_host()
+        page.wait_for_function("() => document.documentElement.dataset.lost === 'false'")
+        fresh(page)
