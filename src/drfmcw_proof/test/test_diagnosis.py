@@ -12,7 +12,7 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import candidates, recipes
+from drfmcw_diagnosis.search.bank import Candidate, candidates, recipes
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.scanners import SCANNERS, starting_points
@@ -87,7 +87,7 @@ def test_prediction_without_effects_adds_nothing():
 
 
 def test_templates_are_smooth_in_the_size():
-    """Twice a small size adds twice as much, on every level: the search relies on it."""
+    """Twice a small size adds twice as much, on every level, or four times where its square shows: see `order`."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'), np.arange(96))
     for effect, cls in Effect.registry.items():
         if not cls.recipes:
@@ -107,7 +107,7 @@ def test_templates_are_smooth_in_the_size():
             return comparison.template([cls(**parameters, station=station)])
 
         once, twice = added(1.0), added(2.0)
-        assert np.linalg.norm(twice - 2.0 * once) < 0.03 * np.linalg.norm(twice) + 0.03, effect
+        assert np.linalg.norm(twice - 2.0**recipe.order * once) < 0.03 * np.linalg.norm(twice) + 0.03, effect
 
 
 @pytest.mark.parametrize(
@@ -116,6 +116,7 @@ def test_templates_are_smooth_in_the_size():
         ('echo', '', 'excess_range', {'excess_range': 23.4, 'relative_power': -55.0}),
         ('ground_reflection', '', 'height_product', {'height_product': 61.3, 'coefficient': 0.004}),
         ('sweep_ripple', 'slave', 'rate', {'rate': 13.4e3, 'deviation': 40.0, 'phase': 1.0}),
+        ('frequency_modulation', 'slave', 'rate', {'rate': 7.4e3, 'deviation': 100.0}),
         ('sway', '', 'frequency', {'frequency': 0.37, 'amplitude': 1e-3}),
         ('spur', 'slave', 'frequency', {'frequency': 333.3e3, 'level': -75.0}),
     ],
@@ -128,7 +129,7 @@ def test_places_are_where_the_simulator_puts_the_effect(effect, station, paramet
     recipe = Effect.registry[effect].recipes[0]
     found = [place[parameter] for place in starting_points(comparison, template, recipe, number)]
     # resolution of the sweep: 1 kHz, 1.5 m; a fringe of the nearest place; a quarter turn of sway over the recording
-    width = {'echo': 0.75, 'ground_reflection': 0.5, 'sweep_ripple': 500.0, 'sway': 2e-3, 'spur': 1000.0}[effect]
+    width = {'echo': 0.75, 'ground_reflection': 0.5, 'sway': 2e-3, 'spur': 1000.0}.get(effect, 500.0)
     assert min(abs(value - shape[parameter]) for value in found) < width
 
 
@@ -170,6 +171,26 @@ def test_a_rhythm_of_random_phase_is_left_over(tmp_path):
     worst = leftovers(Fitting(comparison), None)[0]
     assert (worst.kind, comparison.channels[worst.station].words) == ('flutter', 'IF amplitude over the sweep')
     assert worst.probability < 1e-4
+
+
+def test_a_modulation_of_random_phase_has_its_size_and_frequency(tmp_path):
+    """Fitted to the scatter of the sweeps from where the scanner begins: within 4 standard deviations of the truth."""
+    truth = {'deviation': 500.0, 'rate': 13000.0}
+    hum = Applied('frequency_modulation', 'slave', truth)
+    comparison = Comparison(read_dataset(recorded(tmp_path / 'r', 105, hum)))
+    fitting, recipe = Fitting(comparison), Effect.registry['frequency_modulation'].recipes[0]
+    begun = dict(recipe.start) | starting_points(comparison, comparison.residual, recipe, 1)[0]
+    assert abs(begun['rate'] - truth['rate']) < 500.0
+    begun['deviation'] = 100.0
+    fitted = fitting.fit([(Candidate('frequency_modulation', 'slave', recipe, begun), begun)])
+    fitting.trust(fitted)
+    fitted = fitting.fit(fitted.start)
+    (effect,) = fitted.effects
+    allowed = {'deviation': np.hypot(effect.stds['deviation'], recipe.trust['deviation'] * truth['deviation'])}
+    for name, expected in truth.items():
+        assert abs(effect.values[name] - expected) < 4.0 * allowed.get(name, effect.stds[name])
+    assert effect.values['deviation'] > 10.0 * effect.stds['deviation']
+    assert leftovers(fitting, fitted)[0].probability > 1e-4
 
 
 def test_an_event_is_left_over_beside_what_imitates_it():

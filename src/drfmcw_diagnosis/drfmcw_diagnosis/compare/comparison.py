@@ -158,10 +158,20 @@ class Comparison:
 
     def displaced(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return `template` with the target farther by the standard deviation of each group's mean reference."""
-        expected = self._model.expected(tuple(e for e in effects if not e.bursts), displaced=True)
-        moved = self._vector(Groups({kind.name: self._joined(kind, expected) for kind in self.kinds}))
+        return self._altered(effects, displaced=True)
+
+    def outcomes(self, effects: Sequence[Effect]) -> list[np.ndarray]:
+        """Return `template` with the random phases of effects scattered by a standard deviation, in each way."""
+        count = sum(e.fluctuates for e in effects)
+        return [self._altered(effects, outcome=number) for number in range(4 * count)]
+
+    def _altered(
+        self, effects: Sequence[Effect], displaced: bool = False, outcome: int | None = None
+    ) -> np.ndarray:
+        expected = self._model.expected(tuple(e for e in effects if not e.bursts), displaced, outcome)
+        altered = self._vector(Groups({kind.name: self._joined(kind, expected) for kind in self.kinds}))
         bursting = tuple(e for e in effects if e.bursts)
-        return moved + self._vector(self.predict(bursting)) if bursting else moved
+        return altered + self._vector(self.predict(bursting)) if bursting else altered
 
     def disturbance(self, effect: Effect) -> float:
         """Return by how much an effect alone changes the lines within a sweep: rms of log amplitude or phase [rad].

@@ -19,6 +19,9 @@ class ModelLimits:
     flutter: float = 2.0
     """Of what changes with the phase of each sweep [1], of which two are simulated; chosen."""
 
+    own_flutter: float = 0.03
+    """Of the change from sweep to sweep that effects of random phase cause [1]; chosen."""
+
     harmonics: float = 0.5
     """Of harmonics in the spectrum [1]: their position and shape multiply those of the line; chosen."""
 
@@ -110,6 +113,10 @@ class ScatterLimits:
     wander_sweeps: int = 7
     """Consecutive sweeps whose bends show how the carrier phase wanders; chosen."""
 
+    noisy: float = 3.0
+    """Power of a sweep's ramp over that of the median one, beyond which it counts less; chosen: a modulation of random
+    phase makes sweeps scatter by less."""
+
     flutter_median: int = 31
     """Terms over which the variance around one is taken; chosen."""
 
@@ -171,6 +178,10 @@ class SimulationLimits:
 
     bursting: int = 12
     """Sweeps simulated per group, at most, where an effect comes and goes; chosen."""
+
+    turns: tuple[float, ...] = (0.0, 1.0 / 3.0, 2.0 / 3.0)
+    """Phases at which an effect of random phase is simulated [turns]; derived: the fewest in which sines and their
+    squares have the mean and the variance of all phases."""
 
     undistorted: int = 32
     """Explanations whose noisy sweeps without distortion are kept; chosen."""

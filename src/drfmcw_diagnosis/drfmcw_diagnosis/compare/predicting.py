@@ -51,10 +51,19 @@ class Expected:
     """
 
     def __init__(
-        self, model: 'Predictor', recorded: Part, effects: tuple[Effect, ...], displaced: bool = False
+        self,
+        model: 'Predictor',
+        recorded: Part,
+        effects: tuple[Effect, ...],
+        displaced: bool = False,
+        outcome: int | None = None,
     ) -> None:
-        """Put the groups where the effects have them; `displaced` by a standard deviation of the reference's mean."""
+        """Put the groups where the effects have them; `displaced` by a standard deviation of the reference's mean.
+
+        With an `outcome`, random phases scatter in that way by a standard deviation, see `SimulatedSweeps.fluttering`.
+        """
         self.model, self.recorded, self.effects, self._displaced = model, recorded, effects, displaced
+        self._outcome = outcome
         self.part, self.reference = model.placed(recorded, effects, displaced)
         self.distorting = any(e.distorts for e in effects)
         self.bursting = any(e.bursts for e in effects)
@@ -63,7 +72,7 @@ class Expected:
     def undistorted(self) -> 'Expected':
         """The same without the effects that distort the IF."""
         effects = tuple(e for e in self.effects if not e.distorts)
-        return Expected(self.model, self.recorded, effects, self._displaced)
+        return Expected(self.model, self.recorded, effects, self._displaced, self._outcome)
 
     @property
     def std(self) -> Mapping[str, np.ndarray]:
@@ -79,6 +88,28 @@ class Expected:
     def features(self) -> SweepFeatures:
         """Features of one noise-free sweep pair per group."""
         return self.model.simulated.mean(self.part, [e for e in self.effects if not e.bursts])
+
+    @functools.cached_property
+    def fluttering(self) -> np.ndarray | None:
+        """Variance of the ramp's terms over the phases of effects that fluctuate (G, 2 S, K), None without any."""
+        return self._of_phases[1] if any(e.fluctuates for e in self.effects) else None
+
+    @functools.cached_property
+    def ramp(self) -> np.ndarray:
+        """Mean of the ramp's terms (G, 2 S, K)."""
+        mean = ramp_spectrum(self.features.ramp)
+        return mean if self._outcome is None else mean + self._of_phases[0]
+
+    @functools.cached_property
+    def _of_phases(self) -> tuple[np.ndarray | float, np.ndarray]:
+        """What random phases add to the mean of the ramp's terms, and their variance; see `outcome`."""
+        effects = [e for e in self.effects if not e.bursts]
+        variance, *scatter = self.model.simulated.fluttering(self.part, effects)
+        if self._outcome is None:
+            return 0.0, variance
+        of_variance, number = divmod(self._outcome, len(scatter[0]))
+        added = scatter[of_variance][number]
+        return (0.0, variance + added) if of_variance else (added, variance)
 
     def samples(self, noise: bool = False) -> tuple[np.ndarray, ...]:
         """Return one simulated sweep per group, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
@@ -164,11 +195,13 @@ class Predictor:
         self._group_order = np.argsort(group)
         self._sweep_order = np.argsort(np.repeat(group, [len(recorded.members[g]) for g in group]), kind='stable')
 
-    def expected(self, effects: Sequence[Effect], displaced: bool = False) -> list[Expected]:
+    def expected(
+        self, effects: Sequence[Effect], displaced: bool = False, outcome: int | None = None
+    ) -> list[Expected]:
         """Return what the model with `effects` makes of the groups, setting by setting; see `Expected`."""
         if not effects:
             return [self.plain(part) for part in self.recorded.parts]
-        return [Expected(self, part, tuple(effects), displaced) for part in self.recorded.parts]
+        return [Expected(self, part, tuple(effects), displaced, outcome) for part in self.recorded.parts]
 
     def plain(self, part: Part) -> Expected:
         """Return what the model without effects makes of the groups of one setting; kept."""
@@ -203,11 +236,13 @@ class Predictor:
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
 
-        What a spur or a mirror line brings has a phase of its own in every sweep.
+        What a spur or a mirror line brings has a phase of its own in every sweep. What effects of random phase do is
+        predicted, see `Expected.fluttering`.
         """
+        effects = [e for e in effects if not (e.bursts or e.fluctuates)]
         result = np.zeros(self.std['flutter'].shape)
         for part in self.recorded.parts:
-            ramp = ramp_spectrum(self.simulated.copies(part, [e for e in effects if not e.bursts], 2)[0].ramp)
+            ramp = ramp_spectrum(self.simulated.copies(part, effects, 2)[0].ramp)
             result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
         return result / self.std['flutter']
 

@@ -11,7 +11,7 @@ from drfmcw_sim.effects import ActsOn, Effect, Motion, Stage
 from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.signal_model import synthesise
 
-from ..features.extractor import SweepFeatures
+from ..features.extractor import SweepFeatures, ramp_spectrum
 from .groups import Part, align
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
@@ -31,8 +31,39 @@ class SimulatedSweeps:
 
         Mean of sweeps whose phases lie evenly over half a turn: what mirror lines and harmonics leak cancels in them,
         as it does in a recording's sweeps of random phase; over a whole turn what is added to the samples does too.
+        Where an effect has a random phase, the mean is also that over its phases.
         """
-        return self._noise_free(part, tuple(e for e in effects if e.acts_on & ~_UNSEEN))
+        seen = _seen(effects)
+        turns = SIMULATION.turns if any(e.fluctuates for e in seen) else SIMULATION.turns[:1]
+        each = [self._noise_free(part, tuple(e.in_one_sweep(turn) for e in seen)) for turn in turns]
+        return each[0] if len(each) == 1 else _mean(_joined(each), len(each))
+
+    def fluttering(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the variance of the ramp's terms over the random phases of effects, without noise, and its scatter.
+
+        A group's sweeps have some phases by chance: the mean of their cosines and sines is not quite zero, nor the mean
+        square of one that of the other.
+
+        Returns:
+            variance over all phases (G, 2 S, K), and independent standard deviations of the mean and of the variance
+            of a group's sweeps, two of each effect that fluctuates (2 E, G, 2 S, K).
+        """
+        seen = _seen(effects)
+        at_start = tuple(e.in_one_sweep(SIMULATION.turns[0]) for e in seen)
+        counts = np.array([len(self._recorded.members[g]) for g in part.groups])[:, None, None]
+        turn = 2.0 * np.pi * np.array(SIMULATION.turns)
+        total = np.zeros_like(self._noise_free(part, at_start).ramp, dtype=float)
+        of_mean, of_variance = [], []
+        for number, effect in enumerate(seen):
+            if effect.fluctuates:  # the phases of several are independent
+                before, after = at_start[:number], at_start[number + 1 :]
+                turned = [(*before, effect.in_one_sweep(t), *after) for t in SIMULATION.turns]
+                terms = np.array([ramp_spectrum(self._noise_free(part, each).ramp) for each in turned])
+                cosine, sine = (np.tensordot(wave(turn), terms, 1) * 2.0 / len(turn) for wave in (np.cos, np.sin))
+                total = total + (cosine**2 + sine**2) / 2.0
+                of_mean += [wave / np.sqrt(2.0 * counts) for wave in (cosine, sine)]
+                of_variance += [x / np.sqrt(8.0 * counts) for x in (cosine**2 - sine**2, 2.0 * cosine * sine)]
+        return total, np.array(of_mean), np.array(of_variance)
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
@@ -138,6 +169,18 @@ class SimulatedSweeps:
 def _spread(values: np.ndarray, count: int) -> np.ndarray:
     """Return the values of `count` sweeps spread over a group's (n, ...), less the mean of all."""
     return values[np.linspace(0, len(values) - 1, count).astype(int)] - values.mean(axis=0)
+
+
+def _seen(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects that show in sweeps free of noise."""
+    return tuple(e for e in effects if e.acts_on & ~_UNSEEN)
+
+
+def _joined(each: Sequence[SweepFeatures]) -> SweepFeatures:
+    """Return the features of several copies of sweeps as those of one after another."""
+    names = [f.name for f in dataclasses.fields(SweepFeatures) if f.name != 'time']
+    values = {name: np.concatenate([getattr(features, name) for features in each]) for name in names}
+    return dataclasses.replace(each[0], **values)
 
 
 def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:

@@ -98,6 +98,10 @@ def _as_it_is(values: np.ndarray) -> np.ndarray:
     return values
 
 
+def _built(fitted: Fitted) -> list[Effect]:
+    return [e.build() for e in fitted.effects]
+
+
 class Freedom:
     """What the parameters of an explanation can follow to first order."""
 
@@ -398,7 +402,9 @@ class Fitting:
         """
         directions = [self.comparison.common_errors]
         if fitted is not None and any(e.candidate.recipe.fringes for e in fitted.effects):
-            directions.append(self._moved_by_reference(fitted))
+            directions.append(self._by_group(self.comparison.displaced(_built(fitted)) - fitted.template))
+        if fitted is not None:
+            directions += [self._by_group(x - fitted.template) for x in self.comparison.outcomes(_built(fitted))]
         weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
         return Whitening(weight, np.concatenate(directions))
 
@@ -415,9 +421,8 @@ class Fitting:
         scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)
         self.noisier = 1.0 / np.sqrt(np.maximum(scatter, 1.0))[cells]
 
-    def _moved_by_reference(self, fitted: 'Fitted') -> np.ndarray:
-        """Return by how much the noise of the reference's mean in each group changes a template (G, n)."""
-        change = self.comparison.displaced([e.build() for e in fitted.effects]) - fitted.template
+    def _by_group(self, change: np.ndarray) -> np.ndarray:
+        """Return a change of a template that chance determines in each group by itself (G, n)."""
         groups = self.comparison.entries.group
         return np.where(groups == np.arange(len(self.comparison.members))[:, None], change, 0.0)
 

@@ -190,6 +190,20 @@ def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) 
     return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
 
 
+def _rhythms(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return frequencies at which the phases change from sweep to sweep, as a modulation of random phase does [Hz]."""
+    groups, channels, count = c.std.flutter.shape
+    step = float(c.time[1] - c.time[0])
+    frequency = np.fft.rfftfreq(SCAN.fine * count, step)[1:]
+    frequency = frequency[frequency * step * (count - 1) >= SCAN.slowest_ripple]
+    turn = 2.0 * math.pi * frequency[:, None] * step * np.arange(count)
+    power = scipy.fft.dct(np.cos(turn), norm='ortho') ** 2 + scipy.fft.dct(np.sin(turn), norm='ortho') ** 2
+    z = residual[c.entries.where(kind='flutter')].reshape(groups, channels, count)[:, channels // 2 :].sum(axis=0)
+    # each channel has a size of its own: that in which the oscillators' noise cancels shows a part of it
+    gain = np.maximum(z @ power.T, 0.0) ** 2 / np.sum(power**2, axis=1)
+    return tuple(float(frequency[k]) for k in _peaks(gain.sum(axis=0)))
+
+
 def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
     """Return frequencies of movement about the reference's readings [Hz]."""
     chosen = c.entries.where(kind='movement')
@@ -389,6 +403,7 @@ SCANNERS: dict[str, Scanner] = {
     'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
     'fringes over distance': Scanner(_reflections),
     'ripple': Scanner(_ripples, resolution=_sweep_resolution),
+    'rhythm': Scanner(_rhythms, resolution=_sweep_resolution),
     'oscillation': Scanner(_oscillations),
     'narrow line': Scanner(_free_lines, True, lambda c: SCAN.hann * _sweep_resolution(c)),
     'line of the chirp': Scanner(_leaked_lines, True, lambda c: SCAN.hann * _sweep_resolution(c)),

@@ -164,6 +164,10 @@ class Search(Fitting):
             return gain if overlap > 0.0 else 0.0, candidate, values
         if recipe.per_group:
             return self._scaled_by_group(candidate, residual)
+        if recipe.order > 1:
+            if scale <= 0.0:
+                return 0.0, candidate, values
+            scale = scale ** (1.0 / recipe.order)
         turn, quarter = recipe.quadrature
         if turn:
             second = self._unit(candidate, dict(values) | {turn: values.get(turn, 0.0) + quarter})
@@ -306,7 +310,7 @@ class Search(Fitting):
 
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
             # a distortion takes long to simulate; one linear starting point gains what it promises
-            linear = len(points) == 1 and points[0][1].recipe.size
+            linear = len(points) == 1 and points[0][1].recipe.size and points[0][1].recipe.order == 1
             effect = points[0][1].kind
             steps = SEARCH.first_steps if points[0][1].recipe.size else SEARCH.steps_to_size
             steps = 0 if linear or effect.distorts or effect.bursts else steps

@@ -35,6 +35,7 @@ class Effect:
     shapes_chirp: ClassVar[bool] = False  # chirp_phase is not zero
     distorts: ClassVar[bool] = False  # not linear in the IF, so that harmonics arise
     bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
+    fluctuates: ClassVar[bool] = False  # has a phase of its own in each sweep: see `in_one_sweep`
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
     evidence: ClassVar[str] = ''  # in the samples of a station that hears itself: see drfmcw_diagnosis.scene
     of_hardware: ClassVar[bool] = False  # of the path, but of its stations' hardware alone, whatever the site
@@ -66,6 +67,13 @@ class Effect:
     def own_stations(self, m: Measurements) -> list[Station]:
         """Return the stations of the pair at which the effect acts."""
         return [s for s in m.stations if self.applies_to(s.name)]
+
+    def in_one_sweep(self, turn: float) -> 'Effect':
+        """Return an effect that does in every sweep what this one does in a sweep of random phase `turn` [0..1].
+
+        Without a random phase it is the effect itself.
+        """
+        return self
 
     def prepare(self, m: Measurements) -> None:
         """Change clocks, delays, paths, powers or noise of the measurements, in place."""

@@ -25,6 +25,7 @@ class Recipe:
     grid: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
     defining: tuple[str, ...] = ()  # where one of these is zero, it is another effect
     decibel: bool = False  # the size is in decibels
+    order: int = 1  # power of the size with which the effect grows: 2 where only its power shows
     quadrature: tuple[str, float] = ('', 0.0)  # parameter, and the step of it that turns the phase by a quarter
     # phase, and length on whose carrier phase it comes: their sum in mid-sweep is fitted in place of the phase, since
     # the data determine it far better than either

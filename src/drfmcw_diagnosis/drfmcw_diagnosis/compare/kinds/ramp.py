@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from ...features.extractor import gaussian, local_noise, median_of_mean, ramp_spectrum
+from ...features.extractor import gaussian, local_noise, median_of_mean
 from ..limits import MODEL, SCATTER
 from ..measuring import Evidence
 from ..predicting import Expected
@@ -50,7 +50,7 @@ class Ramp(_OfChannels):
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the series of simulated sweeps."""
-        return ramp_spectrum(expected.features.ramp)
+        return expected.ramp
 
     def chances(self, left: chances.Remainder) -> list[float]:
         """Look also at what all groups have in common, and for events within the sweep."""
@@ -89,8 +89,16 @@ class Flutter(_OfChannels):
         return evidence.by_group(lambda g: _over_neighbours(evidence.ramps[g]))
 
     def predicted(self, expected: Expected) -> np.ndarray:
-        """Return 1: what modulations of random phase add is only known well enough to doubt, see `uncertain`."""
-        return np.ones((len(expected.part.groups), *expected.std[self.name].shape[1:]))
+        """Return 1 and what effects of random phase add beyond the terms around.
+
+        What mirror lines and lines of random phase add is only known well enough to doubt, see `uncertain`.
+        """
+        around = expected.std[self.name][expected.part.groups]
+        result = np.ones(around.shape)
+        if expected.fluttering is not None:
+            added = (expected.fluttering / around)[..., SCATTER.steady :]
+            result[..., SCATTER.steady :] += added - local_noise(added, SCATTER.flutter_median)
+        return np.maximum(result, 0.0)
 
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
         """Return variances as standard normals: of a standing target, where slow changes do not move them."""
@@ -99,6 +107,12 @@ class Flutter(_OfChannels):
         terms = np.arange(values.shape[-1])
         compared = recorded.standing[:, None, None] & (terms >= SCATTER.steady) & recorded.scatters
         return np.where(compared, over, 0.0)
+
+    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
+        """Add to it the doubt about what effects of random phase do, which the template holds."""
+        own = MODEL.own_flutter * np.abs(template)
+        doubt: np.ndarray = np.hypot(super().doubt(explained, template, nonlinear), own)
+        return doubt
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
@@ -138,7 +152,7 @@ def _over_neighbours(ramp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     squares = (ramp - ramp.mean(axis=0)) ** 2
     power = squares[..., SCATTER.steady :].mean(axis=-1, keepdims=True)
     # a single noisy sweep must not determine how all scatter
-    weight = np.minimum(np.median(power, axis=0) / power, 1.0)
+    weight = np.minimum(SCATTER.noisy * np.median(power, axis=0) / power, 1.0)
     variance = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
     trend = _trend(variance)
     steady = local_noise(variance[:, SCATTER.steady :] / trend[:, SCATTER.steady :], SCATTER.flutter_median)
