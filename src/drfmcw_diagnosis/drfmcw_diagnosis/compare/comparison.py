@@ -178,7 +178,7 @@ class Comparison:
 
         The largest of all groups and stations, of a change of the level as well.
         """
-        if effect.distorts or effect.bursts:
+        if effect.distorts or effect.bursts or effect.fluctuates:
             return np.inf
         found = []
         for expected, nominal in zip(self._model.expected((effect,)), self._model.expected(()), strict=True):
