@@ -12,6 +12,8 @@ import signal
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.append(str(Path(__file__).parent / 'test'))
 
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
@@ -25,3 +27,11 @@ if importlib.util.find_spec('drfmcw_bringup'):
 # started in the background (nohup, some CI services) we would pass an ignored Ctrl-C on to the processes under test
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True, scope='module')
+def closed_context():
+    """Leave no initialised ROS context to the next module: the default one can be initialised once."""
+    yield
+    if 'rclpy' in sys.modules:
+        sys.modules['rclpy'].utilities.try_shutdown()

@@ -87,8 +87,8 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
         value, status = opcua(ports['opcua_port'], 'range')
         assert status.is_good() and value == pytest.approx(DISTANCE, abs=5.0 * std)
         live.wait(lambda: 'drive: the range is valid' in live.log('follower'), 'the follower to drive')
-        live.wait(lambda: live.value('gateway: Modbus', 'requests') not in ('', '0'), 'diagnostics of the gateway')
-        live.wait(lambda: float(live.value('recorder: Recording', '/master/slave/range') or 0) > 0, 'a recorded range')
+        live.wait(lambda: live.value('/gateway: Modbus', 'requests') not in ('', '0'), 'diagnostics of the gateway')
+        live.wait(lambda: float(live.value('/recorder: Recording', '/master/slave/range') or 0) > 0, 'a recorded range')
 
         os.kill(live.graph.members['fusion'].process.pid, signal.SIGKILL)
         live.wait(lambda: state() == Quality.STALE, 'silence in Modbus')
@@ -114,5 +114,5 @@ def test_subscriber_that_asks_for_more_than_is_offered_is_warned(tmp_path):
         override = {'qos_overrides./master/slave/range.publisher.deadline': round(1e9 * asked['deadline'])}
         live.graph.start('generous fusion', FUSION, '--pair', 'master/slave', *parameters(override))
         live.wait(
-            lambda: live.value('follow_range: Range master/slave', 'publishers alive') == '1', 'a publisher that fits'
+            lambda: live.value('/follow_range: Range master/slave', 'publishers alive') == '1', 'a publisher that fits'
         )

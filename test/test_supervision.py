@@ -218,9 +218,9 @@ def _hears_ranges(domain):
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         end = time.monotonic() + 40.0
-        while time.monotonic() < end and not any(s.name.startswith('fusion') for s in heard):
+        while time.monotonic() < end and not any(s.name.startswith('/fusion: ') for s in heard):
             executor.spin_once(0.1)
         node.destroy_node()
-        return any(s.name.startswith('fusion') for s in heard)
+        return any(s.name.startswith('/fusion: ') for s in heard)
     finally:
         rclpy.utilities.try_shutdown()

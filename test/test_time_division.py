@@ -70,4 +70,4 @@ def test_silent_slave_costs_its_own_slots_only(unequal, tmp_path):
             ),
             'the missing pair',
         )
-        live.wait(lambda: live.value('simulator: Scenario', f'schedule of {pairs[0]}').startswith('10 Hz'), 'the plan')
+        live.wait(lambda: live.value('/simulator: Scenario', f'schedule of {pairs[0]}').startswith('10 Hz'), 'the plan')

@@ -19,6 +19,9 @@ from drfmcw_bringup.doctor.graph import check_graph
 from drfmcw_bringup.graph import free_domain_id
 from drfmcw_ros import qos
 
+FILES = [p for p in (*CONFIG.glob('*.yaml'), *CONFIG.glob('hardware/*.yaml')) if p.stem != 'requirements']
+"""Scenarios and parameter files."""
+
 
 @pytest.mark.parametrize(
     ('variables', 'subject', 'level'),
@@ -58,7 +61,7 @@ def test_full_disk_and_forbidden_folder(tmp_path):
     assert machine._folder('logs', tmp_path / 'not' / 'there', 0.0, 0.0).level == OK, 'can be made'
 
 
-@pytest.mark.parametrize('file', [*CONFIG.glob('*.yaml'), *CONFIG.glob('hardware/*.yaml')], ids=lambda p: p.stem)
+@pytest.mark.parametrize('file', FILES, ids=lambda p: p.stem)
 def test_shipped_files_are_right(file):
     assert ERROR not in [f.level for f in check_file(file)]
 

@@ -69,9 +69,11 @@ def test_everything_comes_back(tmp_path, storage):
         assert (other.start_time, other.end_time, other.message_count) == (
             one.start_time, one.end_time, one.message_count,
         )  # fmt: skip
-        assert {c.topic: (c.msgcount, c.digest) for c in other.connections} == {
-            c.topic: (c.msgcount, c.digest) for c in one.connections
-        }
+        assert {c.topic: c.msgcount for c in other.connections} == {c.topic: c.msgcount for c in one.connections}
+        # calibrations have got further fields since that recording was made
+        same = [c for c in one.connections if not c.topic.endswith('/calibration')]
+        digests = {c.topic: c.digest for c in other.connections}
+        assert all(digests[c.topic] == c.digest for c in same)
         for connection in other.connections:
             (offered,) = connection.ext.offered_qos_profiles
             latched = connection.topic.endswith(('sweep_config', 'calibration'))

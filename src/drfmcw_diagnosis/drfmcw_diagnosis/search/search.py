@@ -276,10 +276,12 @@ class Search(Fitting):
             goal: gain of the effect that it replaces there.
         """
         alone = self.fit([point], SEARCH.alone_steps, rest.template, freedom)
-        elsewhere = any(e.key == point[0].key for e in fitted.effects)
+        elsewhere = any(e.key == point[0].key and e.candidate.free == point[0].free for e in fitted.effects)
         share = SEARCH.hopeless_elsewhere if elsewhere else SEARCH.hopeless
         if alone.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, share * goal):
             return None
+        if not elsewhere:
+            return alone
         apart = self.whitening(alone.template - fitted.template)
         apart = apart if freedom is None else freedom.left(apart)
         return None if float(apart @ apart) < SEARCH.returned * goal else alone

@@ -6,6 +6,7 @@
   const RELOAD = 2000; // between two reloads [ms]
   let last = performance.now();
   let retrying = 0;
+  let layout; // that the server last asked for
 
   const fields = (key) => document.querySelectorAll(`[data-field="${CSS.escape(key)}"]`);
   const own = (object) => Object.entries(object || {});
@@ -56,9 +57,9 @@
   function apply(message) {
     const content = document.querySelector('.content[data-live]');
     if (!content) return;
-    if (message.layout !== undefined && content.dataset.layout !== message.layout) {
-      content.dataset.layout = message.layout;
-      if (Date.now() - Number(sessionStorage.getItem('reloaded')) > RELOAD) { // a station or pair is new
+    if (message.layout !== undefined) layout = message.layout;
+    if (layout !== undefined && content.dataset.layout !== layout) { // a station or pair is new
+      if (Date.now() - Number(sessionStorage.getItem('reloaded')) > RELOAD) { // else with a later message
         sessionStorage.setItem('reloaded', String(Date.now()));
         location.reload();
         return;

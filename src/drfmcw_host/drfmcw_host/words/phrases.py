@@ -198,7 +198,6 @@ PHRASES: dict[str, tuple[str, str]] = {
     'diagnosis.findings': ('Findings', 'Befunde'),
     'diagnosis.no-findings': ('No finding is kept in {directory}.', 'In {directory} liegt kein Befund.'),
     'diagnosis.open': ('Open report', 'Bericht öffnen'),
-    'diagnosis.verdict': ('Verdict', 'Urteil'),
     'diagnosis.effects': ('Effects', 'Effekte'),
     'diagnosis.next': ('What would decide', 'Was entscheiden würde'),
     'diagnosis.when': ('When', 'Wann'),
