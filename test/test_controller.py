@@ -9,6 +9,7 @@ import struct
 import time
 
 import pytest
+from ports import free_port
 from test_graph import LIMIT, STANDING, scenario_file, site
 
 from drfmcw_bringup.graph import FOLLOWER, FUSION, GATEWAY, parameters
@@ -24,12 +25,6 @@ pytest.importorskip('pymodbus')
 START_LIMIT = 120.0  # on a busy machine [s]
 DISTANCE = 100.0  # of STANDING [m]
 AT = offsets(PAIR_QUANTITIES)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return probe.getsockname()[1]
 
 
 def block(port):

@@ -21,7 +21,7 @@ from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
 from .geometry import SiteGeometry
-from .pipeline import Flag
+from .pipeline import USELESS
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -31,7 +31,6 @@ except ImportError:  # not among the wheels; every installed ROS 2 has it
 JOINT = 'crane_position'
 """Name of the prismatic joint between rail and crane, in urdf/crane.urdf.xacro too."""
 
-_UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY | Flag.OUT_OF_LIMITS
 _TF = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=100,
@@ -91,7 +90,7 @@ class FramesNode(Node):
         stamp = stamp_ns(message.header.stamp)
         if 0 <= stamp - self._last < self._settings.value.interval * 1e9:
             return
-        found = None if message.flags & _UNUSABLE else self._site.position(message.range, message.range_std)
+        found = None if message.flags & USELESS else self._site.position(message.range, message.range_std)
         if found is None:
             self._refused += 1
             return

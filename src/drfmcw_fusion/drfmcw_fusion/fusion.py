@@ -28,10 +28,9 @@ from drfmcw_ros.runner import run
 
 from .integrity.settings import IntegritySettings
 from .offline import read_weather, weather_std
-from .pipeline import Flag, RangeFusion, RangeResult, flag_names
+from .pipeline import UNMEASURED, USELESS, Flag, RangeFusion, RangeResult, flag_names
 from .settings import FusionSettings
 
-_UNUSABLE = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY
 _UNSURE = Flag.UNKNOWN_VELOCITY | Flag.STALE_CALIBRATION | Flag.STALE_ENVIRONMENT  # sensor_msgs: variance 0
 _WEATHER_TYPES = {
     '/site/temperature': Temperature,
@@ -222,7 +221,7 @@ class FusionNode(ManagedNode):
         state.newest = result
         state.ranges += 1
         state.flagged += result.flags != Flag.VALID
-        if self._pair_settings.value.switch_mode and not result.flags & (_UNUSABLE | Flag.OUT_OF_LIMITS):
+        if self._pair_settings.value.switch_mode and not result.flags & USELESS:
             self._request_mode(pair, result)
 
     def _sensor_message(self, result: RangeResult) -> Range:
@@ -235,7 +234,7 @@ class FusionNode(ManagedNode):
         message.min_range = settings.minimum_range
         message.max_range = settings.maximum_range
         message.variance = 0.0 if result.flags & _UNSURE else min(result.range_std**2, _LARGEST_FLOAT)
-        if result.flags & _UNUSABLE:
+        if result.flags & UNMEASURED:
             message.range = math.nan
         elif result.flags & Flag.OUT_OF_LIMITS:
             message.range = -math.inf if result.range < settings.minimum_range else math.inf

@@ -42,8 +42,12 @@ class Flag(enum.IntFlag):
     MODEL_MISMATCH = 128  # a test of the integrity monitor failed; with SIGNAL_QUALITY: refused
 
 
-_UNTRACKED = Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY
-_USELESS = _UNTRACKED | Flag.OUT_OF_LIMITS
+UNMEASURED = Flag.MODE_MISMATCH | Flag.WEAK_SIGNAL | Flag.SIGNAL_QUALITY
+"""Flags with which the range is no measured one."""
+
+USELESS = UNMEASURED | Flag.OUT_OF_LIMITS
+"""Flags with which a controller drops the range (docs/sensors_and_flags.md)."""
+
 _DECISION_FLAGS = {
     Decision.VALID: Flag.VALID,
     Decision.DOUBTFUL: Flag.MODEL_MISMATCH,
@@ -340,8 +344,8 @@ class RangeFusion:
             refractive_index=index,
             path_delay=path.delay,
             carrier_phase=path.carrier_phase,
-            protection_level=judged.protection_level(range_std) if not flags & _USELESS else math.inf,
-            integrity_risk=INTEGRITY_RISK if not flags & _USELESS else 1.0,
+            protection_level=judged.protection_level(range_std) if not flags & USELESS else math.inf,
+            integrity_risk=INTEGRITY_RISK if not flags & USELESS else 1.0,
             failed_tests=int(verdict.failed),
             start_delay_excess=math.nan if first is second else start_delay_excess(first, second, path.delay),
             correlated_std=correlated_std,
@@ -421,7 +425,7 @@ class RangeFusion:
             motion = STANDING if self.settings.velocity == 'standing' else UNKNOWN
             return Judgement(motion, PASSED, math.inf, 1.0)
         monitor = self._monitor(first, second)
-        if flags & _UNTRACKED or verdict.decision == Decision.REFUSED:
+        if flags & UNMEASURED or verdict.decision == Decision.REFUSED:
             return Judgement(monitor.coast(measured.stamp), PASSED, math.inf, 1.0)
         return monitor.follow(measured)
 

@@ -19,7 +19,8 @@ DEFAULT_BIN = 50.0
 """Width of the distance bins into which a drive is sorted [m]."""
 
 _REFUSED = Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY
-_EXCLUDED = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS
+EXCLUDED = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS
+"""Flags with which a range counts in no statistics; a refused one does not either."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +112,7 @@ def _row(
 ) -> SettingStatistics:
     has_reference = bool(np.isfinite(truth).any())
     flags = np.array([r.flags for r in results])
-    chosen = (flags & _EXCLUDED == 0) & (flags & _REFUSED != _REFUSED) & np.isfinite([r.range for r in results])
+    chosen = (flags & EXCLUDED == 0) & (flags & _REFUSED != _REFUSED) & np.isfinite([r.range for r in results])
     if has_reference:
         chosen &= np.isfinite(truth)
     excluded = int(len(results) - chosen.sum())

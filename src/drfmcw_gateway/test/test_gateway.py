@@ -8,6 +8,7 @@ import struct
 import time
 
 import pytest
+from ports import free_port
 
 pytest.importorskip('asyncua')
 pytest.importorskip('pymodbus')
@@ -40,12 +41,6 @@ STAMP = 1_800_000_000 * SECOND + 123_456_789
 GOOD = Estimate(7, 0, 412.345678, 0.0012, -0.75, 0.011, 0, STAMP)
 AT = offsets(PAIR_QUANTITIES)
 LIMIT = 20.0  # for anything that is waited for, on a busy machine [s]
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return probe.getsockname()[1]
 
 
 def reading_of(estimate, silence=0.0, age=0.01, **keywords):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.calibration.store import state_directory
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.runner import run
 from drfmcw_ros.versions import versions
@@ -60,12 +61,10 @@ class Settings:
         return f'{"https" if self.secure else "http"}://{name}:{self.port}/'
 
 
-def state_directory() -> Path:
-    """Return where the host keeps its state by default: systemd's StateDirectory, else the user's."""
-    given = os.environ.get('STATE_DIRECTORY', '').partition(':')[0]
-    if given:
-        return Path(given) / 'host'
-    return Path(os.environ.get('XDG_STATE_HOME') or Path.home() / '.local' / 'state') / 'drfmcw'
+def default_state() -> Path:
+    """Return where the host keeps its state by default: a folder of systemd's state directory, else the user's."""
+    directory = state_directory(os.environ)
+    return directory / 'host' if os.environ.get('STATE_DIRECTORY') else directory
 
 
 def is_loopback(address: str) -> bool:
@@ -235,7 +234,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(own)
 
     def work() -> int:
-        state = (arguments.state or state_directory()).resolve()
+        state = (arguments.state or default_state()).resolve()
         passwords = Passwords(state / 'passwords.json')
         if arguments.set_password is not None:
             set_password(passwords, arguments.set_password)

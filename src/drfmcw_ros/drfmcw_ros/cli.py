@@ -43,8 +43,13 @@ def split_ros_arguments(argv: Sequence[str] | None) -> tuple[list[str], list[str
     return arguments[:start] + arguments[end:], arguments[start:end]
 
 
-def write_atomically(path: Path | str, content: str | bytes) -> None:
+def write_atomically(path: Path | str, content: str | bytes, private: bool = False) -> None:
     """Write a file under a temporary name and rename it, so that a half-written one never appears under its name.
+
+    Args:
+        path: of the file.
+        content: text or bytes.
+        private: only its owner can read it.
 
     Raises:
         ConfigurationError: the file cannot be written.
@@ -56,7 +61,7 @@ def write_atomically(path: Path | str, content: str | bytes) -> None:
         try:
             with os.fdopen(handle, 'wb') as file:
                 file.write(data)
-            os.chmod(name, 0o666 & ~_umask())
+            os.chmod(name, 0o600 if private else 0o666 & ~_umask())
             os.replace(name, path)
         except BaseException:
             os.unlink(name)

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drfmcw_fusion.pipeline import Flag, RangeResult
+from drfmcw_fusion.pipeline import UNMEASURED, RangeResult
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 
 from .curve import Curve, fit
 
-_USELESS = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.SIGNAL_QUALITY
 _FEWEST = 3  # sweeps
 _STEP = 1.0  # of board temperatures that count as one [K]
 
@@ -58,7 +57,7 @@ def path_calibration(
         ConfigurationError: too few sweeps with a result.
     """
     board = np.asarray(temperatures, float)
-    kept = np.array([not r.flags & _USELESS and math.isfinite(r.path_delay) for r in results], bool)
+    kept = np.array([not r.flags & UNMEASURED and math.isfinite(r.path_delay) for r in results], bool)
     if np.count_nonzero(kept) < _FEWEST:
         raise ConfigurationError(f'{np.count_nonzero(kept)} of {len(results)} sweeps have a usable line; 3 are needed')
     chosen = [r for r, take in zip(results, kept, strict=True) if take]

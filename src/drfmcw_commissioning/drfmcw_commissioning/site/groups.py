@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from drfmcw_fusion.pipeline import Flag
-from drfmcw_fusion.statistics import reference_at
+from drfmcw_fusion.statistics import EXCLUDED, reference_at
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 
 from ..recordings import Ranges
 
-_USELESS = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS
 _FEWEST = 5  # sweeps of a group
 _DISTANCE_STEP = 2.0  # within which distances are one [m]
 _TEMPERATURE_STEP = 1.0  # within which board temperatures are one [K]
@@ -85,7 +84,7 @@ def gather(ranges: Ranges, marks: Sequence[Mark] = ()) -> list[Group]:
     results = ranges.results
     measured = np.array([r.range for r in results])
     truth, common, single = _references(ranges, measured, marks)
-    usable = np.isfinite(truth) & np.isfinite(measured) & np.array([not r.flags & _USELESS for r in results], bool)
+    usable = np.isfinite(truth) & np.isfinite(measured) & np.array([not r.flags & EXCLUDED for r in results], bool)
     keys: dict[tuple[float | int, ...], list[int]] = {}
     for i in np.flatnonzero(usable):
         sweep = ranges.sweeps[i][0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from drfmcw_fusion.combination import Station, start_delay_excess
 from drfmcw_fusion.offline import RecordingReplay, Replay
-from drfmcw_fusion.pipeline import Flag, RangeResult
+from drfmcw_fusion.pipeline import USELESS, RangeResult
 from drfmcw_fusion.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.records import Beat
@@ -21,7 +21,6 @@ from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.messages import from_message, stamp_ns
 from drfmcw_ros.topics import split_station_topic
 
-_USELESS = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS | Flag.SIGNAL_QUALITY
 _SHORTEST = 1.0  # below it the link budget of the far field says nothing [m]
 
 
@@ -58,7 +57,7 @@ class PairEvidence:
     @property
     def usable(self) -> np.ndarray:
         """Return which ranges a controller may use, shape (n,) of bool."""
-        return (self.flags & int(_USELESS) == 0) & np.isfinite(self.range)
+        return (self.flags & int(USELESS) == 0) & np.isfinite(self.range)
 
     @property
     def distance(self) -> np.ndarray:

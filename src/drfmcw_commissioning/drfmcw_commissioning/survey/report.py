@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from drfmcw_ros.bag.files import BagError
+from drfmcw_ros.pages import templates
 
 from . import plots
 from .evidence import Evidence, PairEvidence
@@ -19,13 +18,7 @@ from .findings import BinFinding, PairFinding, worst
 from .requirements import Requirements
 from .verdict import Result, Verdict, passes
 
-_ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader('drfmcw_commissioning.survey', 'templates'),
-    autoescape=True,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    undefined=jinja2.StrictUndefined,
-)
+_TEMPLATES = templates('drfmcw_commissioning.survey')
 _STORAGE = '.mcap', '.db3', '.zstd', '.yaml'
 _WORST = 5  # positions listed
 _BLOCK = 1 << 20  # bytes read at once
@@ -112,7 +105,7 @@ def render(survey: Survey) -> str:
         _section(pair, finding, survey.requirements)
         for pair, finding in zip(survey.evidence.pairs, survey.findings, strict=True)
     ]
-    return _ENVIRONMENT.get_template('survey.html').render(
+    return _TEMPLATES.get_template('survey.html').render(
         name=Path(survey.path).resolve().name,
         survey=survey,
         headline=headline(survey),

@@ -7,26 +7,15 @@ import re
 import shlex
 from collections.abc import Sequence
 
-import jinja2
 import numpy as np
 import yaml
 from markupsafe import Markup, escape
 
+from drfmcw_ros.pages import templates
+
 from . import plots, quantities, repeating, wording
 from .limits import PAGE, SEPARATION
 from .result import BeforeAfter, Diagnosis, Explanation, FoundEffect, Separability, Series
-
-
-def templates(package: str) -> jinja2.Environment:
-    """Return the templates of a package; what they show is escaped, and a name that is not given is an error."""
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader(package, 'templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-
 
 _TEMPLATES = templates('drfmcw_diagnosis.finding')
 

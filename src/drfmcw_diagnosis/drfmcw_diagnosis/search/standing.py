@@ -50,10 +50,10 @@ class Standing:
     predicted: float
     evidence: float
     probability: float
-    left: float
-    inflated: float
     testable: bool  # more than one group shows it
     gain: float  # misfit that it explains beside the others
+    left: float = 0.0  # of effects that the range alone shows
+    inflated: float = 1.0  # likewise
 
     @property
     def stands(self) -> bool:
@@ -195,8 +195,6 @@ def _standing(
         predicted=float(predicted.sum()) / total,
         evidence=float(gain[clean].sum()) / total,
         probability=float(stats.chi2.sf(max(float(gain[clean].sum()), 0.0), free)),
-        left=0.0,
-        inflated=1.0,
         testable=bool(by_group.max() < LIMITS.alone * by_group.sum()),
         gain=total,
     )

@@ -14,10 +14,10 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from drfmcw_ros.pages import templates
 from drfmcw_sim.effects import Effect
 
 from ..finding import quantities, wording
-from ..finding.report import templates
 from ..finding.result import Diagnosis, Estimate, FoundEffect, effect_object, known
 from ..finding.summary import COLORS
 from .joint import Elsewhere, Joint, Shared

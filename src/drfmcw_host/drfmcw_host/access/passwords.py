@@ -9,6 +9,7 @@ from pathlib import Path
 import argon2
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import write_atomically
 
 SHORTEST = 10
 """Letters that a password has at least."""
@@ -72,17 +73,13 @@ class Passwords:
 
 
 def write_private(path: Path, content: str | bytes) -> None:
-    """Write a file that only its owner can read, under a temporary name first.
+    """Write a file that only its owner can read, in a directory that is made where it is not there.
 
     Raises:
         ConfigurationError: it cannot be written.
     """
-    data = content.encode() if isinstance(content, str) else content
-    temporary = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), 'wb') as file:
-            file.write(data)
-        temporary.replace(path)
     except OSError as error:
         raise ConfigurationError(f'{path}: {error.strerror or error}') from None
+    write_atomically(path, content, private=True)

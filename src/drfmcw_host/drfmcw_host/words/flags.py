@@ -3,14 +3,12 @@
 import enum
 
 from drfmcw_fusion.integrity.checks import Test
+from drfmcw_fusion.pipeline import USELESS
 from drfmcw_fusion.pipeline import Flag as RangeFlag
 from drfmcw_node.estimators.estimation import Flag as LineFlag
 from drfmcw_physics.sweep import Mode
 
 from .phrases import phrase
-
-USELESS = RangeFlag.WEAK_SIGNAL | RangeFlag.MODE_MISMATCH | RangeFlag.SIGNAL_QUALITY | RangeFlag.OUT_OF_LIMITS
-"""Flags with which a controller drops the range (docs/sensors_and_flags.md)."""
 
 
 def _words(kind: str, flags: enum.IntFlag, language: str) -> list[str]:

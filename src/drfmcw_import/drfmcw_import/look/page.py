@@ -4,7 +4,6 @@ import base64
 import dataclasses
 from pathlib import Path
 
-import jinja2
 import numpy as np
 
 from drfmcw_fusion.offline import Replay, replay_recording
@@ -12,18 +11,13 @@ from drfmcw_fusion.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.pages import templates
 
 from ..convert.checks import Finding, Statistics, findings
 from . import measures, plots
 from .sweeps import StationSweeps, read_sweeps
 
-_ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader('drfmcw_import.look', 'templates'),
-    autoescape=True,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    undefined=jinja2.StrictUndefined,
-)
+_TEMPLATES = templates('drfmcw_import.look')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +60,7 @@ def render(path: Path | str) -> str:
     names = ' and '.join(s.name for s in sections)
     itself = ', which hears itself' if len(data) == 1 and data[0].sweep.hears_itself else ''
     warnings = [(s.name, f.sentence) for s in sections for f in s.findings if not f.agrees]
-    return _ENVIRONMENT.get_template('view.html').render(
+    return _TEMPLATES.get_template('view.html').render(
         name=Path(path).resolve().name,
         headline=f'Station{"s" if len(data) > 1 else ""} {names}{itself}',
         sections=sections,

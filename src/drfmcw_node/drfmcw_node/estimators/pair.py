@@ -112,9 +112,7 @@ class BlockEstimator:
             samples: as for `basebands`.
         """
         found = [s.search(x) for s, x in zip(self.stations, samples, strict=True)]
-        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
-        lines = self._demodulate(found, coarse).line
-        models = self._fit(lines, self._chirp(lines))
+        coarse, _, models = self._begun(found)
         tones = zip(self.stations, coarse, models.frequency, models.amplitude, strict=True)
         beat = [self._line(*each)[0] * each[0].sweep.sample_rate / each[0].length for each in tones]
         return tuple(f.power for f in found), np.array(beat)
@@ -172,15 +170,19 @@ class BlockEstimator:
 
     def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, '_Lines']:
         """Return coarse frequencies of each station, blocks free of leakage, residual chirp and lines."""
-        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
-        records = self._demodulate(found, coarse)
-        lines, chirp = records.line, np.zeros(len(coarse[0]))
-        models = self._fit(lines, chirp if self._chirp_known else self._chirp(lines))
+        coarse, records, models = self._begun(found)
         for _ in range(1 if self._chirp_known else _ROUNDS):
             lines = records.without_leakage(models.blocks)
             chirp = self._chirp(lines)
             models = self._fit(lines, chirp)
         return coarse, lines, chirp, models
+
+    def _begun(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], '_Demodulated', '_Lines']:
+        """Return coarse frequencies of each station, blocks, and the lines of a first round, leakage included."""
+        coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
+        records = self._demodulate(found, coarse)
+        chirp = np.zeros(len(coarse[0])) if self._chirp_known else self._chirp(records.line)
+        return coarse, records, self._fit(records.line, chirp)
 
     def _fit(self, lines: np.ndarray, chirp: np.ndarray) -> '_Lines':
         """Return the lines of blocks (S, B, K), the first one's residual chirp given (B,) [cycles per sample^2]."""
