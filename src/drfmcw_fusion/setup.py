@@ -21,7 +21,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'frames = drfmcw_fusion.frames:main',
+            'frames = drfmcw_fusion.crane.frames:main',
             'fusion = drfmcw_fusion.fusion:main',
             'replay = drfmcw_fusion.replay:main',
         ],

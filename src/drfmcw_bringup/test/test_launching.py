@@ -16,8 +16,8 @@ from checkout import CONFIG, ROOT
 from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, ReferenceRange
 
 from drfmcw_bringup import launching
-from drfmcw_fusion.frames import JOINT
-from drfmcw_fusion.geometry import SiteGeometry
+from drfmcw_fusion.crane.frames import JOINT
+from drfmcw_fusion.crane.geometry import SiteGeometry
 from drfmcw_physics.settings import ConfigurationError
 
 FILE = CONFIG / 'hardware' / 'two_stations.yaml'

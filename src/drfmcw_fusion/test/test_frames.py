@@ -13,8 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from drfmcw_fusion.frames import FramesNode
-from drfmcw_fusion.geometry import SiteGeometry
+from drfmcw_fusion.crane.frames import FramesNode
+from drfmcw_fusion.crane.geometry import SiteGeometry
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from drfmcw_fusion.frames import FramesSettings
+from drfmcw_fusion.crane.frames import FramesSettings
+from drfmcw_fusion.crane.geometry import SiteGeometry
 from drfmcw_fusion.fusion import PairSettings
-from drfmcw_fusion.geometry import SiteGeometry
 from drfmcw_fusion.integrity.settings import IntegritySettings
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_node.estimators.estimation import EstimatorSettings

@@ -20,8 +20,8 @@ from drfmcw_ros.messages import stamp_ns
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 
+from ..pipeline import USELESS
 from .geometry import SiteGeometry
-from .pipeline import USELESS
 
 try:
     from tf2_msgs.msg import TFMessage
