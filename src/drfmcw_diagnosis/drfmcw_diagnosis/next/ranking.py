@@ -128,7 +128,7 @@ def _without_shared(explanations: list[Fitted]) -> list[Fitted]:
     """Return explanations without the distortions and bursts of all of them, which take long and decide nothing."""
 
     def acting(fitted: Fitted) -> set[tuple[str, str]]:
-        return {e.key for e in fitted.effects if e.candidate.kind.distorts or e.candidate.kind.bursts}
+        return {e.key for e in fitted.effects if e.candidate.acts}
 
     shared = set.intersection(*map(acting, explanations))
     kept = [tuple(e for e in f.effects if e.key not in shared) for f in explanations]

@@ -43,6 +43,11 @@ class Candidate:
         """The effect's class, which declares its traits."""
         return Effect.registry[self.effect]
 
+    @property
+    def acts(self) -> bool:
+        """True where it distorts the IF or comes and goes: it acts on what the other effects make."""
+        return self.kind.distorts or self.kind.bursts
+
     def prior(self, name: str) -> float:
         """Return the plausible size of a parameter that is fitted."""
         return self.recipe.prior[name.partition('[')[0]]

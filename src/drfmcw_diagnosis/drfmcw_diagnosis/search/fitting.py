@@ -134,7 +134,7 @@ class Linearised:
     @property
     def acting(self) -> tuple[FittedEffect, ...]:
         """Those effects that distort the IF or come and go."""
-        return tuple(e for e in self.effects if _acts(e.candidate))
+        return tuple(e for e in self.effects if e.candidate.acts)
 
     def template(self, values: Sequence[dict[str, float]]) -> np.ndarray:
         """Return what they add with other values of their parameters (n,)."""
@@ -148,11 +148,6 @@ class Linearised:
         return all(
             abs(values[i][name] - own[i].values[name]) <= FIT.linear * own[i].stds[name] for i, name in self.slopes
         )
-
-
-def _acts(candidate: Candidate) -> bool:
-    """Return whether an effect distorts the IF or comes and goes: it acts on what the others make."""
-    return candidate.kind.distorts or candidate.kind.bursts
 
 
 def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
@@ -208,7 +203,7 @@ class Fitting:
         """
         if linearised is not None and self._is_near(start, linearised):
             fitted = self._fit(start, steps, beside, freedom, None, linearised)
-            if linearised.holds([e.values for e in fitted.effects if _acts(e.candidate)]):
+            if linearised.holds([e.values for e in fitted.effects if e.candidate.acts]):
                 fitted = dataclasses.replace(fitted, linearised=linearised)
                 if not exact:
                     return fitted
@@ -262,8 +257,8 @@ class Fitting:
                 values[i][name] = float(min(max(value, low), high))
             if linearised is None:
                 return beside + self._template([c.build(v) for c, v in zip(chosen, values, strict=True)], around)
-            plain = [c.build(v) for c, v in zip(chosen, values, strict=True) if not _acts(c)]
-            known = linearised.template([v for c, v in zip(chosen, values, strict=True) if _acts(c)])
+            plain = [c.build(v) for c, v in zip(chosen, values, strict=True) if not c.acts]
+            known = linearised.template([v for c, v in zip(chosen, values, strict=True) if c.acts])
             return beside + known + (self._template(plain) if plain else 0.0)
 
         template = template_at(point)
@@ -327,11 +322,11 @@ class Fitting:
             fitted: the explanation.
             slopes: of its parameters, see `slopes`.
         """
-        if fitted is None or not any(_acts(e.candidate) for e in fitted.effects):
+        if fitted is None or not any(e.candidate.acts for e in fitted.effects):
             return None
-        others = [e.build() for e in fitted.effects if not _acts(e.candidate)]
+        others = [e.build() for e in fitted.effects if not e.candidate.acts]
         added = fitted.template - self._template(others) if others else fitted.template
-        acting = [i for i, e in enumerate(fitted.effects) if _acts(e.candidate)]
+        acting = [i for i, e in enumerate(fitted.effects) if e.candidate.acts]
         found = {
             (number, name): slope
             for number, i in enumerate(acting)
@@ -341,7 +336,7 @@ class Fitting:
 
     def _is_near(self, start: Sequence[tuple[Candidate, dict[str, float]]], linearised: Linearised) -> bool:
         """Return whether what distorts and bursts is the same, and other effects hardly change the lines."""
-        if [c for c, _ in start if _acts(c)] != [e.candidate for e in linearised.acting]:
+        if [c for c, _ in start if c.acts] != [e.candidate for e in linearised.acting]:
             return False
         before = [(e.candidate, e.values) for e in linearised.effects]
         changed = [
@@ -435,7 +430,7 @@ class Fitting:
         explained = self._explained(fitted)
         nonlinear = np.zeros(len(doubt))
         if explained.distorting or explained.bursting:
-            linear = [e.build() for e in fitted.effects if not (e.candidate.kind.distorts or e.candidate.kind.bursts)]
+            linear = [e.build() for e in fitted.effects if not e.candidate.acts]
             nonlinear = fitted.template - (self._template(linear) if linear else 0.0)
         for kind in c.kinds:
             rows = c.rows(kind)

@@ -313,9 +313,8 @@ class Search(Fitting):
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
             # a distortion takes long to simulate; one linear starting point gains what it promises
             linear = len(points) == 1 and points[0][1].recipe.size and points[0][1].recipe.order == 1
-            effect = points[0][1].kind
             steps = SEARCH.first_steps if points[0][1].recipe.size else SEARCH.steps_to_size
-            steps = 0 if linear or effect.distorts or effect.bursts else steps
+            steps = 0 if linear or points[0][1].acts else steps
             at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in points]
             return min(at, key=lambda f: f.misfit)
 
@@ -391,7 +390,7 @@ class Search(Fitting):
                 freedom: Freedom | None = freedom,
             ) -> Fitted | None:
                 candidate: Candidate = point[0]
-                if not (candidate.kind.distorts or candidate.kind.bursts):
+                if not candidate.acts:
                     alone = self._alone(point, rest, freedom, fitted, goal)
                     if alone is None:
                         return None

@@ -127,7 +127,7 @@ def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[f
 
 def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
     """Return whether an effect, alone, shows in the range and in nothing else."""
-    if effect.candidate.kind.distorts or effect.candidate.kind.bursts:
+    if effect.candidate.acts:
         return False
     c = fitting.comparison
     added = fitting.whitening.weight * c.template([effect.build()])
