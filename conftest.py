@@ -29,6 +29,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def _discovery() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name.startswith(('ROS_', 'RMW_', 'FASTDDS_'))}
+
+
+@pytest.fixture(autouse=True, scope='module')
+def unchanged_discovery():
+    """Refuse a module that leaves the next one, in the same process, a different way to find other processes."""
+    before = _discovery()
+    yield
+    assert _discovery() == before
+
+
 @pytest.fixture(autouse=True, scope='module')
 def closed_context():
     """Leave no initialised ROS context to the next module: the default one can be initialised once."""

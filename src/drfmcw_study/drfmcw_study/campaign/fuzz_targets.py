@@ -303,11 +303,26 @@ def _set(message: Any, name: str, kind: str, how: int, raw: bytes) -> None:
     setattr(message, name, value)
 
 
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """Let a context that is initialised meanwhile discover nobody; leave the environment of this process as it was."""
+    name = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+    before = os.environ.get(name)
+    os.environ[name] = 'OFF'
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
+
+
 @functools.cache
 def _node(kind: str) -> Any:
     if not rclpy.ok():
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
-        rclpy.init()
+        with _alone():
+            rclpy.init()
     made = FusionNode() if kind == 'fusion' else StationNode(namespace='/master')
     made.get_logger().set_level(LoggingSeverity.FATAL)
     return made
