@@ -286,9 +286,9 @@ class Search(Fitting):
         apart = apart if freedom is None else freedom.left(apart)
         return None if float(apart @ apart) < SEARCH.returned * goal else alone
 
-    def _without(self, fitted: Fitted, number: int) -> Fitted:
-        """Return an explanation without one of its effects, the others as they are; misfit and evidence stay."""
-        kept = tuple(e for i, e in enumerate(fitted.effects) if i != number)
+    def _without(self, fitted: Fitted, *numbers: int) -> Fitted:
+        """Return an explanation without some of its effects, the others as they are; misfit and evidence stay."""
+        kept = tuple(e for i, e in enumerate(fitted.effects) if i not in numbers)
         template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
         return dataclasses.replace(fitted, effects=kept, template=template)
 
@@ -415,18 +415,35 @@ class Search(Fitting):
     def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
         """Return explanations with one effect of many coefficients for all that shape a chirp, best first.
 
+        Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects.
+
         Args:
             fitted: explanation.
             fewest: effects that shape a chirp, of one station or of both, and are worth it.
         """
-        starts = []
-        shaping = [e for e in fitted.effects if e.candidate.kind.shapes_chirp]
+        shaping = [i for i, e in enumerate(fitted.effects) if e.candidate.kind.shapes_chirp]
+        tried: dict[tuple, list[Candidate]] = {}
         for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
-            own = [e for e in shaping if e.key[1] == candidate.station]
-            for replaced in (own, shaping) if len(own) < len(shaping) else (own,):
+            own = [i for i in shaping if fitted.effects[i].key[1] == candidate.station]
+            for replaced in {tuple(own), tuple(shaping)}:
                 if len(replaced) >= fewest:
-                    rest = [(e.candidate, e.values) for e in fitted.effects if e not in replaced]
-                    starts.append([*rest, (candidate, candidate.values)])
+                    tried.setdefault((*candidate.key, replaced), []).append(candidate)
+
+        def gains_as_much(item: tuple[tuple, list[Candidate]]) -> bool:
+            (_, _, replaced), several = item
+            rest = self._without(fitted, *replaced)
+            most = max(several, key=lambda c: len(c.values))
+            point = most, most.values
+            alone = self.fit([point], SEARCH.first_steps, rest.template, self.freedom(rest))
+            return alone.misfit - fitted.misfit < SEARCH.far * SEARCH.rival
+
+        gains = self._workers.map(gains_as_much, list(tried.items()))
+        chosen = [item for item, enough in zip(tried.items(), gains, strict=True) if enough]
+        starts = [
+            [*self._without(fitted, *replaced).start, (candidate, candidate.values)]
+            for (_, _, replaced), several in chosen
+            for candidate in several
+        ]
         return sorted(self.fits(starts), key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:

@@ -57,8 +57,8 @@ def _unified(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted
 
     A ramp whose rate changes over the band resembles several small errors of a straight one.
     """
-    explained = leftovers(search, current)[0].probability >= false_alarm_rate
-    for other in search.unified(current, 2 if explained else 1):
+    bent = any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
+    for other in search.unified(current, 1 if bent else 2):
         if other.evidence < current.evidence + SELECTION.better:
             break
         if leftovers(search, other)[0].probability >= false_alarm_rate:
