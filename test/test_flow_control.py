@@ -31,6 +31,7 @@ def test_slow_fusion_is_waited_for_and_a_dead_one_is_not(tmp_path):
         beats = beats_of(live)
         live.start(path, {'pace': 'subscribers', 'window': WINDOW, 'acknowledge_timeout': 15.0})
         live.wait(lambda: live.monitor.total > 50, 'the first ranges')
+        assert live.set_parameter('/fusion', 'pair_time_limit', 60.0) == (True, '')  # while it stands still
         fusion = live.graph.members['fusion'].process
         for _ in range(2):
             fusion.send_signal(signal.SIGSTOP)
