@@ -12,7 +12,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_ros.work.processes import Workers
 
 from ..compare.comparison import Comparison
-from .bank import Candidate, at_stations, candidates, recipes
+from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
 from .limits import SEARCH
 from .scanners import resolution, starting_points
@@ -411,6 +411,23 @@ class Search(Fitting):
                 if known is None or other.misfit < known.misfit:
                     found[other.keys, other.free] = other
         return sorted([*found.values(), *elsewhere], key=lambda f: -f.evidence)
+
+    def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
+        """Return explanations with one effect of many coefficients for all that shape a chirp, best first.
+
+        Args:
+            fitted: explanation.
+            fewest: effects that shape a chirp, of one station or of both, and are worth it.
+        """
+        starts = []
+        shaping = [e for e in fitted.effects if e.candidate.kind.shapes_chirp]
+        for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
+            own = [e for e in shaping if e.key[1] == candidate.station]
+            for replaced in (own, shaping) if len(own) < len(shaping) else (own,):
+                if len(replaced) >= fewest:
+                    rest = [(e.candidate, e.values) for e in fitted.effects if e not in replaced]
+                    starts.append([*rest, (candidate, candidate.values)])
+        return sorted(self.fits(starts), key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""
