@@ -20,6 +20,7 @@ from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, pa
 from .monitor import RangeMonitor, monitored
 
 _ESTIMATOR = declared_parameters(EstimatorSettings)['estimator'][1]
+_PATIENCE = 60.0  # of fusion where subscribers set the pace: no sweep is late, however slow the machine [s]
 _DISCOVERY_LIMIT = 15.0  # takes up to 3 s on an idle machine [s]
 
 
@@ -35,6 +36,7 @@ def start_nodes(
     keep_alive: bool = False,
     estimator: str | None = None,
     file: Path | None = None,
+    patient: bool = False,
 ) -> None:
     """Start recorder, fusion and everything between fusion and simulator.
 
@@ -48,6 +50,7 @@ def start_nodes(
         keep_alive: restart stations, fusion and recorder when they die.
         estimator: of the stations; None takes their default.
         file: with parameters of stations and fusion, in ROS's format; None for none.
+        patient: fusion waits for the second result of a sweep as long as a busy machine may need; `file` precedes.
 
     Raises:
         ConfigurationError: estimator 'pair', and a station hears itself.
@@ -61,7 +64,8 @@ def start_nodes(
         graph.start('recorder', RECORDER, str(record), *resume, keep_alive=keep_alive, optional=True)
     pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
     given = parameters({}, file) if file is not None else []
-    graph.start('fusion', FUSION, *pairs, *given, keep_alive=keep_alive)
+    patience = parameters({'pair_time_limit': _PATIENCE}) if patient else []
+    graph.start('fusion', FUSION, *pairs, *patience, *given, keep_alive=keep_alive)
     stations, settings = list(scenario.stations), {'estimator': estimator} if estimator else {}
     if estimator == 'pair':
         stations, settings = sorted({pair.second for pair in scenario.pairs}), {'output': 'compressed'}
@@ -98,7 +102,7 @@ def start_graph(
         estimator: see there; raises as there.
         file: see there.
     """
-    start_nodes(graph, scenario, record, keep_alive, estimator, file)
+    start_nodes(graph, scenario, record, keep_alive, estimator, file, patient=simulator.get('pace') == 'subscribers')
     monitor.wait_for_publishers(_DISCOVERY_LIMIT)
     settings = {'scenario': str(scenario_path), 'listeners': 1 if record is None else 2} | simulator
     graph.start('simulator', SIMULATOR, *parameters(settings))
