@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import http.client
 import json
+import re
 import shutil
 import signal
 import socket
@@ -204,7 +205,7 @@ def test_parameter_is_changed_refused_undone_and_saved(site):
     changes = [entry for entry in site.audit() if entry['action'] == 'parameter']
     assert [(c['user'], c['to'], c['taken']) for c in changes] == [
         (USER, '4321.5', True),
-        (USER, '-5', False),
+        (USER, '-5.0', False),
         (USER, before, True),
     ]
     assert changes[1]['reason'] and all(c['time'] and c['address'] == '127.0.0.1' for c in changes)
@@ -314,6 +315,7 @@ def test_page_is_german_where_the_browser_is(site):
     with site.page('/', locale='de-DE') as page:
         expect(page.locator('header nav')).to_contain_text('Aufzeichnungen')
         expect(page.locator('.hero')).to_contain_text('Standardabweichung')
+        expect(page.locator('[data-field="hero.range"]')).to_have_text(re.compile(r'\d+,\d{3}'))
         page.get_by_text('English').click()
         expect(page.locator('.hero')).to_contain_text('Standard deviation')
 
