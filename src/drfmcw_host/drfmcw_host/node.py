@@ -30,6 +30,7 @@ from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import Diagnostics, Status
 from drfmcw_ros.messages import from_message, stamp_ns
 
+from .files.calibrations import Calibrations
 from .state.readings import Diagnostic, Health, Line, RangeReading, SpectrumReading, decimated
 from .state.store import Store
 
@@ -88,16 +89,24 @@ class _Sampled:
 class HostNode(Node):
     """Thin shell around `Store`: subscribes to what is found in the graph and hands it over, ten times a second."""
 
-    def __init__(self, store: Store, on_ready: Callable[['HostNode'], Callable[[], None]], **kwargs: Any) -> None:
+    def __init__(
+        self,
+        store: Store,
+        calibrations: Calibrations,
+        on_ready: Callable[['HostNode'], Callable[[], None]],
+        **kwargs: Any,
+    ) -> None:
         """Create the node.
 
         Args:
             store: takes what arrives.
+            calibrations: keeps those that stations publish.
             on_ready: called with the node at the end, starts the pages; returns what ends them.
             kwargs: passed on to rclpy.
         """
         super().__init__('host', **kwargs)
         self.store = store
+        self._calibrations = calibrations
         # its subscriptions are in no executor, so that a stream of 1000 messages/s does not wake Python 1000 times/s
         self._sampler = rclpy.create_node(
             'host_sampler', use_global_arguments=False, enable_rosout=False, start_parameter_services=False
@@ -261,6 +270,9 @@ class HostNode(Node):
     def _take_calibration(self, name: str, message: Any) -> None:
         try:
             calibration = from_message(message, Calibration)
+            if calibration.station != name:
+                raise ConfigurationError(f'is of station {calibration.station[:100]!r}')
+            self._calibrations.see(calibration)
         except ConfigurationError as error:
             self.get_logger().warning(f'calibration of {name}: {error}', throttle_duration_sec=10.0)
             return

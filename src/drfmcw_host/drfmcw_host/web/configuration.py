@@ -8,8 +8,8 @@ from nicegui import ui
 
 from drfmcw_physics.settings import ConfigurationError
 
+from ..configure.calls import Unreachable
 from ..configure.parameter_file import save
-from ..configure.remote import Unreachable
 from ..configure.values import Described, as_number, shown, typed
 from .frame import Viewer, section, text
 
