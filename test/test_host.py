@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import http.client
 import json
+import re
 import shutil
 import signal
 import socket
@@ -24,7 +25,9 @@ from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_bringup.run import start_graph
 from drfmcw_host.access.passwords import Passwords
 from drfmcw_host.files.recordings import Recordings
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_ros import qos
+from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_sim.scenario import read_scenario
 
 CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None)
@@ -54,6 +57,7 @@ class Site:
     graph: Graph
     monitor: RangeMonitor
     state: Path
+    stations: Path  # where the stations keep their calibrations
     port: int
     browser: Browser
     cookies: list[Any] = dataclasses.field(default_factory=list)
@@ -116,19 +120,19 @@ def site(tmp_path_factory):
     directory = tmp_path_factory.mktemp('site')
     scenario = directory / 'scenario.yaml'
     scenario.write_text(yaml.safe_dump(mapping(STANDING, timing={'sweep_interval': 0.05})))
-    state = directory / 'state'
+    state, stations = directory / 'state', directory / 'drfmcw'
     Passwords(state / 'passwords.json').set(USER, PASSWORD)
     with socket.create_server(('127.0.0.1', 0)) as probe:
         port = probe.getsockname()[1]
-    environment = private_environment()
+    environment = private_environment() | {'XDG_STATE_HOME': str(directory)}
     with (
         Graph(environment, directory / 'log') as graph,
         monitored(['master/slave'], int(environment['ROS_DOMAIN_ID']), keep=True) as monitor,
         sync_playwright() as playwright,
     ):
-        start_graph(graph, scenario, read_scenario(scenario), {}, monitor)
+        start_graph(graph, scenario, read_scenario(scenario), {'state_directory': str(stations)}, monitor)
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
-        opened = Site(graph, monitor, state, port, browser)
+        opened = Site(graph, monitor, state, stations, port, browser)
         opened.start_host()
         wait(lambda: monitor.total, 'the first range')
         yield opened
@@ -204,12 +208,79 @@ def test_parameter_is_changed_refused_undone_and_saved(site):
     changes = [entry for entry in site.audit() if entry['action'] == 'parameter']
     assert [(c['user'], c['to'], c['taken']) for c in changes] == [
         (USER, '4321.5', True),
-        (USER, '-5', False),
+        (USER, '-5.0', False),
         (USER, before, True),
     ]
     assert changes[1]['reason'] and all(c['time'] and c['address'] == '127.0.0.1' for c in changes)
     saved = parameter_dict_from_yaml_file(str(site.state / 'parameters' / 'site.yaml'), target_nodes=['/fusion'])
     assert saved[name].value.double_value == 4321.5
+
+
+def ranges_reach(site: Site, distance: float) -> None:
+    begun = site.monitor.total
+    wait(
+        lambda: site.monitor.total > begun and abs(site.monitor.arrivals[-1].message.range - distance) < 0.02,
+        f'ranges of {distance:g} m',
+    )
+
+
+def test_calibration_is_compared_stored_refused_and_taken_back(site):
+    """What the page predicts for the range happens when it is stored, and is undone by storing the older one."""
+    delay = 2e-9
+    shift = -delay * SPEED_OF_LIGHT / 1.0003
+    with site.page('/calibration', user=True) as page:
+        card = page.locator('[data-station=master]')
+        expect(card.locator('[data-key=version]')).to_have_text('not stored')
+        card.get_by_role('button', name='Copy into the editor').click()
+        editor = page.get_by_label('Document')
+        expect(editor).to_have_value(re.compile('station: master'))
+        content = yaml.safe_load(editor.input_value())
+        content['delay']['value'] += delay
+        content['note'] = HOSTILE
+        editor.fill(json.dumps(content))
+        page.get_by_role('button', name='Compare with the one in use').last.click()
+        compared = page.locator('[data-comparison=master]')
+        row = compared.locator('[data-value="delay.value"] td')
+        row.first.wait_for()
+        assert row.all_text_contents()[1:] == ['ns', '12', '14', '+2']
+        effect = compared.locator('[data-effect="master/slave 1000"] td')
+        assert float(effect.nth(2).text_content().split()[0]) == pytest.approx(1e3 * shift, abs=0.5)
+        expect(card.locator('[data-key=version]')).to_have_text('not stored')
+        compared.get_by_role('button', name='Store on master').click()
+        expect(card.locator('[data-key=version]')).to_have_text('1')
+        expect(card.locator('[data-key=operator]')).to_have_text(USER)
+        ranges_reach(site, 100.0 + shift)
+        assert page.evaluate('() => window.hacked') is None
+
+        editor.fill(json.dumps(content | {'delay': {'value': 12.3}}))
+        page.get_by_role('button', name='Compare with the one in use').last.click()
+        page.get_by_text('delay = 12.3 s is outside').first.wait_for()
+        blocked = site.stations / 'calibration' / 'slave'
+        blocked.write_text('')  # where the station keeps its calibrations
+        editor.fill(json.dumps(content | {'station': 'slave'}))
+        page.get_by_role('button', name='Compare with the one in use').last.click()
+        page.get_by_role('button', name='Store on slave').click()
+        page.get_by_text(f'Refused: {blocked}').first.wait_for()
+        blocked.unlink()
+
+        card.locator('[data-version="0"]').get_by_role('button', name='Compare').click()
+        page.get_by_role('button', name='Store on master').click()
+        expect(card.locator('[data-key=version]')).to_have_text('2')
+        ranges_reach(site, 100.0)
+    kept = CalibrationStore(site.stations).read('master')
+    assert (kept.version, kept.operator, kept.note) == (2, USER, 'version 0 again')
+    changes = [entry for entry in site.audit() if entry['action'] == 'calibration']
+    assert [(c['user'], c['station'], c['from'], c['to'], c['taken']) for c in changes] == [
+        (USER, 'master', 0, 1, True),
+        (USER, 'slave', 0, 0, False),
+        (USER, 'master', 1, 2, True),
+    ]
+
+
+def test_calibration_is_only_shown_without_login(site):
+    with site.page('/calibration') as page:
+        page.locator('[data-station=master] [data-key=delay]').wait_for()
+        assert page.locator('textarea').count() == 0 and page.get_by_role('button', name='Store').count() == 0
 
 
 def test_without_login_nothing_can_be_changed(site):
@@ -314,6 +385,7 @@ def test_page_is_german_where_the_browser_is(site):
     with site.page('/', locale='de-DE') as page:
         expect(page.locator('header nav')).to_contain_text('Aufzeichnungen')
         expect(page.locator('.hero')).to_contain_text('Standardabweichung')
+        expect(page.locator('[data-field="hero.range"]')).to_have_text(re.compile(r'\d+,\d{3}'))
         page.get_by_text('English').click()
         expect(page.locator('.hero')).to_contain_text('Standard deviation')
 
@@ -323,7 +395,7 @@ def test_page_can_be_used_by_keyboard_on_a_tablet(site):
     with site.page('/', viewport={'width': 768, 'height': 1024}) as page:
         page.keyboard.press('Tab')
         assert page.evaluate('() => document.activeElement.className') == 'skip'
-        for view in ('/', '/over-time', '/signals', '/stations', '/configuration', '/recordings'):
+        for view in ('/', '/over-time', '/signals', '/stations', '/configuration', '/calibration', '/recordings'):
             page.goto(site.url + view)
             page.wait_for_selector('.content')
             assert page.evaluate('() => document.documentElement.scrollWidth <= innerWidth + 1'), view

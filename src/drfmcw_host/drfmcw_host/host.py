@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.calibration.store import state_directory
+from drfmcw_ros.calibration.store import CalibrationStore, state_directory
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.runner import run
 from drfmcw_ros.versions import versions
@@ -24,7 +24,9 @@ from .access.attempts import Attempts
 from .access.audit import Audit
 from .access.passwords import Passwords
 from .access.sessions import Sessions
+from .configure.calibration import RemoteCalibrations
 from .configure.remote import RemoteParameters
+from .files.calibrations import Calibrations
 from .files.recordings import Recordings
 from .files.work import Work
 from .node import HostNode
@@ -137,7 +139,9 @@ def listening(bind: str, port: int) -> socket.socket:
         raise ConfigurationError(f'--bind {bind} --port {port}: {getattr(error, "strerror", None) or error}') from None
 
 
-def serving(settings: Settings, passwords: Passwords, store: Store) -> Callable[[HostNode], Callable[[], None]]:
+def serving(
+    settings: Settings, passwords: Passwords, store: Store, calibrations: Calibrations
+) -> Callable[[HostNode], Callable[[], None]]:
     """Return the function that starts the pages beside a node, and returns what ends them."""
     os.environ['NICEGUI_STORAGE_PATH'] = str(settings.state / 'nicegui')  # nothing is written there, or elsewhere
     import uvicorn  # here, so that --help and --set-password do not wait for them
@@ -161,6 +165,8 @@ def serving(settings: Settings, passwords: Passwords, store: Store) -> Callable[
             recordings,
             work,
             RemoteParameters(node),
+            calibrations,
+            RemoteCalibrations(node),
             settings.findings,
             settings.state,
             settings.read_only,
@@ -256,8 +262,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         check(settings, passwords)
         store = Store()
-        start = serving(settings, passwords, store)
-        return run(HostNode, ros, store=store, on_ready=start)
+        calibrations = Calibrations(state / 'calibrations', CalibrationStore(state_directory(os.environ)))
+        start = serving(settings, passwords, store, calibrations)
+        return run(HostNode, ros, store=store, calibrations=calibrations, on_ready=start)
 
     return guarded('drfmcw host', work)
 

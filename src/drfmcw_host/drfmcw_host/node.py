@@ -30,10 +30,12 @@ from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import Diagnostics, Status
 from drfmcw_ros.messages import from_message, stamp_ns
 
-from .state.readings import Diagnostic, Health, Line, RangeReading, SpectrumReading, decimated
+from .files.calibrations import Calibrations
+from .state.decoding import range_reading
+from .state.readings import Diagnostic, Health, Line, SpectrumReading, decimated
 from .state.store import Store
 
-_TICK = 0.1  # between two samplings [s]
+_TICK = 1.0 / 30.0  # between two samplings [s]
 _DISCOVERY = 1.0  # between two looks for new stations and pairs [s]
 _PEERS = 16  # latched settings kept per station
 _BINS = 512  # of a spectrum that is shown
@@ -70,13 +72,14 @@ class _Sampled:
     take: Callable[[list[Any], list[int]], None]
     depth: int
     always: bool  # also without a message
+    raw: bool  # messages stay serialised
 
     def poll(self) -> None:
         """Take what has arrived since the last time, at most what the middleware kept."""
         messages: list[Any] = []
         received: list[int] = []
         while len(messages) < self.depth:
-            taken = self.subscription.handle.take_message(self.message_type, False)
+            taken = self.subscription.handle.take_message(self.message_type, self.raw)
             if taken is None:
                 break
             messages.append(taken[0])
@@ -86,18 +89,26 @@ class _Sampled:
 
 
 class HostNode(Node):
-    """Thin shell around `Store`: subscribes to what is found in the graph and hands it over, ten times a second."""
+    """Thin shell around `Store`: subscribes to what is found in the graph and hands it over, 30 times a second."""
 
-    def __init__(self, store: Store, on_ready: Callable[['HostNode'], Callable[[], None]], **kwargs: Any) -> None:
+    def __init__(
+        self,
+        store: Store,
+        calibrations: Calibrations,
+        on_ready: Callable[['HostNode'], Callable[[], None]],
+        **kwargs: Any,
+    ) -> None:
         """Create the node.
 
         Args:
             store: takes what arrives.
+            calibrations: keeps those that stations publish.
             on_ready: called with the node at the end, starts the pages; returns what ends them.
             kwargs: passed on to rclpy.
         """
         super().__init__('host', **kwargs)
         self.store = store
+        self._calibrations = calibrations
         # its subscriptions are in no executor, so that a stream of 1000 messages/s does not wake Python 1000 times/s
         self._sampler = rclpy.create_node(
             'host_sampler', use_global_arguments=False, enable_rosout=False, start_parameter_services=False
@@ -120,7 +131,7 @@ class HostNode(Node):
         self._end = on_ready(self)
 
     def do(self, work: Callable[[], Any]) -> concurrent.futures.Future[Any]:
-        """Run `work` in the node's own thread within 0.1 s; the future gets what it returns or raises."""
+        """Run `work` in the node's own thread within a tick; the future gets what it returns or raises."""
         future: concurrent.futures.Future[Any] = concurrent.futures.Future()
 
         def order() -> None:
@@ -133,10 +144,16 @@ class HostNode(Node):
         return future
 
     def _sample(
-        self, topic: str, kind: type, take: Callable[[list[Any], list[int]], None], depth: int, always: bool = False
+        self,
+        topic: str,
+        kind: type,
+        take: Callable[[list[Any], list[int]], None],
+        depth: int,
+        always: bool = False,
+        raw: bool = False,
     ) -> None:
         created = self._sampler.create_subscription(kind, topic, lambda _: None, newest(depth))
-        self._sampled[topic] = _Sampled(created, kind, take, depth, always)
+        self._sampled[topic] = _Sampled(created, kind, take, depth, always, raw)
 
     def _listen_to_site(self, topic: str, kind: type, field: str) -> None:
         def take(message: Any) -> None:
@@ -162,7 +179,7 @@ class HostNode(Node):
         if name in self._pairs or self.store.pair(name) is None:
             return
         self._pairs.add(name)
-        self._sample(f'/{name}/range', RangeEstimate, lambda m, t: self._take_ranges(name, m, t), 400, True)
+        self._sample(f'/{name}/range', RangeEstimate, lambda m, t: self._take_ranges(name, m, t), 400, True, True)
         self._follow_station(first)
         self._follow_station(second)
 
@@ -196,21 +213,12 @@ class HostNode(Node):
                 self._sampler.destroy_subscription(self._sampled.pop(topic).subscription)
             self._shown.clear()
 
-    def _take_ranges(self, name: str, messages: list[Any], received: list[int]) -> None:
-        readings = [
-            RangeReading(
-                m.sweep_id,
-                stamp_ns(m.header.stamp),
-                m.mode,
-                m.flags,
-                m.failed_tests,
-                m.range,
-                m.range_std,
-                m.velocity,
-                m.protection_level,
-            )
-            for m in messages
-        ]
+    def _take_ranges(self, name: str, messages: list[bytes], received: list[int]) -> None:
+        try:
+            readings = [range_reading(data) for data in messages]
+        except ValueError as error:
+            self.get_logger().warning(f'ranges of {name}: {error}', throttle_duration_sec=10.0)
+            return
         self.store.add_ranges(name, readings, received)
 
     def _take_references(self, messages: list[Any], received: list[int]) -> None:
@@ -261,6 +269,9 @@ class HostNode(Node):
     def _take_calibration(self, name: str, message: Any) -> None:
         try:
             calibration = from_message(message, Calibration)
+            if calibration.station != name:
+                raise ConfigurationError(f'is of station {calibration.station[:100]!r}')
+            self._calibrations.see(calibration)
         except ConfigurationError as error:
             self.get_logger().warning(f'calibration of {name}: {error}', throttle_duration_sec=10.0)
             return

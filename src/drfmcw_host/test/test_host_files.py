@@ -10,7 +10,7 @@ import yaml
 
 from drfmcw_host.configure.parameter_file import content, save
 from drfmcw_host.configure.values import Described, shown, split_unit, typed
-from drfmcw_host.files.findings import read_findings, report_path
+from drfmcw_host.files.findings import Effect, read_findings, report_path
 from drfmcw_host.files.recordings import Recordings
 from drfmcw_physics.settings import ConfigurationError
 
@@ -86,7 +86,9 @@ def test_findings_are_read_and_damaged_ones_left_out(tmp_path):
         (tmp_path / name / 'finding.json').write_text(text)
     found = read_findings(tmp_path)
     assert [f.verdict for f in found] == ['ambiguous', 'explained']
-    assert found[0].next_measurement == 'drive' and 'deviation = 1200 ± 40 Hz' in found[1].effects[0]
+    assert found[0].next_measurement == 'drive' and found[1].effects == (
+        Effect('sweep_ripple', 'master', (('deviation', 1200.0, 40.0, 'Hz'),)),
+    )
     assert read_findings(tmp_path / 'nothing') == []
 
 
@@ -108,9 +110,17 @@ def test_reports_lead_nowhere_else(tmp_path, name):
         (['a/b', 'c/d'], list[str]),
     ],
 )
-def test_what_is_shown_can_be_typed_again(value, kind):
-    assert typed(shown(value), kind) == value
-    assert type(typed(shown(value), kind)) is type(value)
+@pytest.mark.parametrize('language', ['en', 'de'])
+def test_what_is_shown_can_be_typed_again(value, kind, language):
+    again = typed(shown(value, language), kind, language)
+    assert again == value and type(again) is type(value)
+
+
+def test_german_takes_comma_and_point():
+    assert shown([0.5, 2.0], 'de') == '0,5; 2,0'
+    assert typed('4321,5', float, 'de') == typed('4321.5', float, 'de') == 4321.5
+    with pytest.raises(ConfigurationError):
+        typed('4321,5', float, 'en')
 
 
 @pytest.mark.parametrize(('text', 'kind'), [('maybe', bool), ('1.5', int), ('fast', float), ('1,x', list[float])])

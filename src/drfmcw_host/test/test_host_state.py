@@ -5,7 +5,12 @@ import time
 
 import numpy as np
 import pytest
+from drfmcw_msgs.msg import RangeEstimate
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
 
+from drfmcw_host.state.decoding import range_reading
 from drfmcw_host.state.history import WINDOWS, History
 from drfmcw_host.state.readings import RangeReading, decimated
 from drfmcw_host.state.store import STALE_AFTER, Store
@@ -122,3 +127,23 @@ def test_memory_is_bounded_whatever_names_arrive():
         store.add_ranges(f'a/{i}', [reading()], [time.time_ns()])
         store.station(str(i))
     assert len(store.pairs) == len(store.stations) == 64
+
+
+@given(
+    strings=st.tuples(*[st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=20)] * 3),
+    numbers=st.tuples(*[st.floats(allow_nan=False)] * 4),
+    whole=st.tuples(*[st.integers(0, 2**bits - 1) for bits in (64, 8, 8, 32, 31, 30)]),
+)
+def test_bytes_are_read_as_ros_reads_them(strings, numbers, whole):
+    """The strings decide where the numbers begin."""
+    message = RangeEstimate(first_station=strings[1], second_station=strings[2])
+    message.header.frame_id = strings[0]
+    message.range, message.range_std, message.velocity, message.protection_level = numbers
+    message.sweep_id, message.mode, message.flags, message.failed_tests = whole[:4]
+    message.header.stamp.sec, message.header.stamp.nanosec = whole[4:]
+    data = serialize_message(message)
+    assert range_reading(data) == RangeReading(
+        whole[0], whole[4] * SECOND + whole[5], whole[1], whole[2], whole[3], *numbers
+    )
+    with pytest.raises(ValueError, match='RangeEstimate of'):
+        range_reading(data[:40])

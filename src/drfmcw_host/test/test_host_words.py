@@ -11,7 +11,7 @@ import drfmcw_host
 from drfmcw_fusion.integrity.checks import Test as IntegrityTest
 from drfmcw_fusion.pipeline import Flag as RangeFlag
 from drfmcw_host.words import flags
-from drfmcw_host.words.numbers import distance, number, size, span
+from drfmcw_host.words.numbers import distance, general, number, size, span
 from drfmcw_host.words.phrases import PHRASES, phrase
 from drfmcw_node.estimators.estimation import Flag as LineFlag
 from drfmcw_physics.sweep import Mode
@@ -69,9 +69,14 @@ def test_every_phrase_is_used_and_every_used_one_exists():
 
 
 def test_numbers_have_fixed_digits():
-    assert distance(1000.0) == '1000.000' and distance(math.nan) == '–'
-    assert number(-0.001234, 2, 1e3, sign=True) == '-1.23'
-    assert number(math.inf, 1) == '∞'
+    assert distance(1000.0, 'en') == '1000.000' and distance(math.nan, 'en') == '–'
+    assert number(-0.001234, 2, 'en', 1e3, sign=True) == '-1.23'
+    assert number(math.inf, 1, 'en') == '∞'
+
+
+def test_german_numbers_have_commas():
+    assert distance(1234.5, 'de') == '1234,500' and number(0.25, 1, 'de', 10.0, sign=True) == '+2,5'
+    assert span(0.26, 'de') == '0,3 s' and size(1.4e9, 'de') == '1,4 GB' and general(1.5e-9, 3, 'de') == '1,5e-09'
 
 
 @pytest.mark.parametrize(
@@ -79,8 +84,8 @@ def test_numbers_have_fixed_digits():
     [(0.26, '0.3 s'), (42.4, '42 s'), (187.0, '3:07 min'), (7500.0, '2:05 h'), (400_000.0, '4 d'), (math.inf, '–')],
 )
 def test_ages_are_readable(seconds, text):
-    assert span(seconds) == text
+    assert span(seconds, 'en') == text
 
 
 def test_sizes_are_readable():
-    assert [size(n) for n in (12, 1500, 8.1e8, 1.4e9)] == ['12 B', '1.5 kB', '810 MB', '1.4 GB']
+    assert [size(n, 'en') for n in (12, 1500, 8.1e8, 1.4e9)] == ['12 B', '1.5 kB', '810 MB', '1.4 GB']

@@ -240,7 +240,9 @@ class Simulator(Node):
                 if self._stop.is_set() or self.settings.at_end != 'loop':
                     break
                 last = self._timeline
-                start = self._now() if self.settings.start == 'now' else last.stamp(last.duration) + NANOSECONDS
+                start = last.stamp(last.duration) + NANOSECONDS
+                if self.settings.start == 'now':
+                    start = max(start, self._now())  # above real time the stamps are ahead of the clock
                 self._timeline = Timeline(
                     self.scenario, start, self.settings.mode_control == 'range', first_sweep_id=last.next_sweep_id
                 )

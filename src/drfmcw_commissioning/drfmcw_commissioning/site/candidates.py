@@ -7,11 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drfmcw_fusion.combination import Station, delay_on_true_clocks, start_delay_excess
-from drfmcw_node.processing.records import Beat
-from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_fusion.displacement import displacement
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.sweep import SweepSettings, beat_frequency
 
 from .groups import Group
 
@@ -92,23 +89,8 @@ def changed(candidate: Candidate, calibrations: Pair, amount: float) -> Pair:
 
 def _displaced(candidate: Candidate, group: Group, calibrations: Pair) -> tuple[float, float]:
     true = changed(candidate, calibrations, 1.0)
-    warm = [tuple(c.at(t) for c, t in zip(pair, group.board, strict=True)) for pair in (calibrations, true)]
-    (stated, actual) = ((pair[0], pair[1]) for pair in warm)
-    light = SPEED_OF_LIGHT / group.index
-    delay = group.distance / light + sum(c.delay for c in actual)
-    first, second = group.sweeps
-    lines = (
-        beat_frequency(first, delay, actual[0].alpha, actual[1].alpha) / actual[0].sample_clock_alpha,
-        beat_frequency(second, delay, actual[1].alpha, actual[0].alpha) / actual[1].sample_clock_alpha,
-    )
-    measured = float(delay_on_true_clocks((first, second), stated, lines))
-    hardware = sum(c.delay for c in stated)
-    stations = [_station(s, c, f) for s, c, f in zip((first, second), stated, lines, strict=True)]
-    return (measured - hardware) * light - group.distance, start_delay_excess(stations[0], stations[1], measured)
-
-
-def _station(sweep: SweepSettings, calibration: Calibration, frequency: float) -> Station:
-    return Station(Beat(sweep.station, sweep.peer, 0, 0, frequency, 1.0, 0.0, 0.0, 0.0, 0), sweep, calibration)
+    stated, actual = ([c.at(t) for c, t in zip(pair, group.board, strict=True)] for pair in (calibrations, true))
+    return displacement(group.sweeps, stated, actual, group.distance, group.index)
 
 
 def _delay(c: Calibration, amount: float) -> Calibration:

@@ -1,5 +1,5 @@
-"""The parameters of the running nodes.
+"""Parameters and calibrations of the running nodes.
 
-In: the nodes' own declarations over their parameter services; texts that a user typed.
-Out: typed values, a change or the node's reason against it, a parameter file.
+In: the nodes' own declarations over their services; texts that a user typed.
+Out: typed values, a change or the node's reason against it, a parameter file, two calibrations side by side.
 """

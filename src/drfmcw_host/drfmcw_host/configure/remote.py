@@ -8,13 +8,12 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_value_to_python
 
-from ..node import HostNode
+from .calls import Remote
 from .values import KINDS, Described, is_shown, split_unit
 
 CONFIGURED = ('station', 'pair_station', 'fusion', 'watch')
 """Last names of the nodes whose parameters the page shows."""
 
-_LIMIT = 5.0  # for an answer [s]
 _FIELDS = {
     1: 'bool_value',
     2: 'integer_value',
@@ -28,44 +27,12 @@ _FIELDS = {
 _TYPES = {kind: number for number, kind in KINDS.items()}
 
 
-class Unreachable(Exception):
-    """A node does not answer."""
-
-
-class RemoteParameters:
-    """Calls the parameter services from the pages' event loop; the calls run in the node's thread."""
-
-    def __init__(self, node: HostNode) -> None:
-        """Use the host's node for the calls."""
-        self._node = node
+class RemoteParameters(Remote):
+    """Calls the parameter services."""
 
     def nodes(self) -> list[str]:
         """Return the full names of the nodes that can be configured."""
         return [name for name in self._node.nodes if name.rpartition('/')[2] in CONFIGURED]
-
-    async def _call(self, kind: Any, node: str, service: str, request: Any) -> Any:
-        loop = asyncio.get_running_loop()
-        answered: asyncio.Future[Any] = loop.create_future()
-
-        def answer(future: Any) -> None:
-            def take() -> None:
-                if not answered.done():
-                    answered.set_result(future.result())
-
-            loop.call_soon_threadsafe(take)
-
-        def call() -> Any:
-            client = self._node.create_client(kind, f'{node}/{service}')
-            client.call_async(request).add_done_callback(answer)
-            return client
-
-        client = await asyncio.wrap_future(self._node.do(call))
-        try:
-            return await asyncio.wait_for(answered, _LIMIT)
-        except TimeoutError:
-            raise Unreachable(node) from None
-        finally:
-            self._node.do(lambda: self._node.destroy_client(client))
 
     async def describe(self, node: str) -> list[Described]:
         """Return a node's own parameters in the order of their names.
@@ -73,11 +40,11 @@ class RemoteParameters:
         Raises:
             Unreachable: it does not answer.
         """
-        listed = await self._call(ListParameters, node, 'list_parameters', ListParameters.Request())
+        listed = await self._call(ListParameters, f'{node}/list_parameters', ListParameters.Request())
         names = sorted(name for name in listed.result.names if is_shown(name))
         described, values = await asyncio.gather(
-            self._call(DescribeParameters, node, 'describe_parameters', DescribeParameters.Request(names=names)),
-            self._call(GetParameters, node, 'get_parameters', GetParameters.Request(names=names)),
+            self._call(DescribeParameters, f'{node}/describe_parameters', DescribeParameters.Request(names=names)),
+            self._call(GetParameters, f'{node}/get_parameters', GetParameters.Request(names=names)),
         )
         return [
             _described(node, descriptor, value)
@@ -94,7 +61,7 @@ class RemoteParameters:
         kind = _TYPES[parameter.kind]
         given = ParameterValue(type=kind, **{_FIELDS[kind]: value})
         request = SetParameters.Request(parameters=[Parameter(name=parameter.name, value=given)])
-        (result,) = (await self._call(SetParameters, parameter.node, 'set_parameters', request)).results
+        (result,) = (await self._call(SetParameters, f'{parameter.node}/set_parameters', request)).results
         return result.successful, result.reason
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from drfmcw_physics.settings import ConfigurationError
 
+from ..words.numbers import general, localised
+
 KINDS = {1: bool, 2: int, 3: float, 4: str, 6: list[bool], 7: list[int], 8: list[float], 9: list[str]}
 """Python type of rcl_interfaces/ParameterType values."""
 
@@ -36,12 +38,11 @@ class Described:
         found = _CHOICES.search(self.description) if self.kind is str else None
         return found[1].split(' | ') if found else []
 
-    @property
-    def bounds(self) -> str:
+    def bounds(self, language: str) -> str:
         """Return the range as text, '' for none."""
         if math.isinf(self.low) and math.isinf(self.high):
             return ''
-        return f'{self.low:.6g} … {self.high:.6g}'
+        return f'{general(self.low, 6, language)} … {general(self.high, 6, language)}'
 
 
 def is_shown(name: str) -> bool:
@@ -58,19 +59,32 @@ def split_unit(description: str) -> tuple[str, str]:
     return (description[: last.start()] + description[last.end() :]).strip(), last[1]
 
 
-def shown(value: Any) -> str:
-    """Return a value as it can be typed again."""
+def shown(value: Any, language: str = 'en') -> str:
+    """Return a value as it can be typed again; a language with decimal commas separates numbers by semicolons."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, float):
-        return repr(value)
+        return localised(repr(value), language)
     if isinstance(value, list | tuple):
-        return ', '.join(shown(v) for v in value)
+        return f'{_separator(language)} '.join(shown(v, language) for v in value)
     return str(value)
 
 
-def typed(text: str, kind: Any) -> Any:
-    """Return what a text means as a value of `kind`.
+def as_number(text: str, language: str) -> str:
+    """Return a text of `shown` in another language where it is one number, else as it is."""
+    try:
+        float(text)
+    except ValueError:
+        return text
+    return localised(text, language)
+
+
+def _separator(language: str) -> str:
+    return ';' if localised('.', language) == ',' else ','
+
+
+def typed(text: str, kind: Any, language: str = 'en') -> Any:
+    """Return what a text means as a value of `kind`; where decimal signs are commas, points are taken as well.
 
     Raises:
         ConfigurationError: it means none.
@@ -82,10 +96,10 @@ def typed(text: str, kind: Any) -> Any:
         raise ConfigurationError(f"'{text}' is neither true nor false")
     if kind in (int, float):
         try:
-            return kind(text)
+            return kind(text.replace(localised('.', language), '.'))
         except ValueError:
             raise ConfigurationError(f"'{text}' is no {'whole ' if kind is int else ''}number") from None
     if kind is str:
         return text
     (item,) = kind.__args__
-    return [typed(part, item) for part in text.split(',')]
+    return [typed(part, item, language) for part in text.split(_separator(language))]

@@ -15,6 +15,15 @@ _LARGEST = 5_000_000  # bytes of a finding.json that is read
 
 
 @dataclasses.dataclass(frozen=True)
+class Effect:
+    """One effect that a finding names."""
+
+    name: str
+    station: str  # '' for none
+    parameters: tuple[tuple[str, float, float, str], ...]  # (name, value, standard deviation, unit)
+
+
+@dataclasses.dataclass(frozen=True)
 class Finding:
     """What one finding says."""
 
@@ -22,7 +31,7 @@ class Finding:
     when: float  # wall clock [s]
     verdict: str
     significance: float
-    effects: tuple[str, ...]
+    effects: tuple[Effect, ...]
     next_measurement: str
     report: bool
 
@@ -44,7 +53,7 @@ def _read(folder: Path) -> Finding | None:
         if status.st_size > _LARGEST:
             return None
         content: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
-        effects = tuple(_described(effect) for effect in content['effects'])
+        effects = tuple(_effect(effect) for effect in content['effects'])
         decisive = content.get('next_measurement')
         text = decisive if isinstance(decisive, str) else json.dumps(decisive) if decisive else ''
         return Finding(
@@ -60,15 +69,13 @@ def _read(folder: Path) -> Finding | None:
         return None
 
 
-def _described(effect: dict[str, Any]) -> str:
-    """Return an effect as 'sweep_ripple of master: deviation = 1.2e+03 +- 40 Hz'."""
-    of = f' of {effect["station"]}' if effect.get('station') else ''
-    values = (
-        f'{name} = {p["value"]:.4g} ± {p["std"]:.2g} {p["unit"]}'.strip()
+def _effect(effect: dict[str, Any]) -> Effect:
+    parameters = (
+        (str(name), float(p['value']), float(p['std']), str(p['unit']))
         for name, p in effect['parameters'].items()
         if isinstance(p['value'], int | float)
     )
-    return f'{effect["effect"]}{of}: {", ".join(values)}'
+    return Effect(str(effect['effect']), str(effect.get('station') or ''), tuple(parameters))
 
 
 def report_path(directory: Path, name: str) -> Path:

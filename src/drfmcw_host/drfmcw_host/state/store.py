@@ -26,6 +26,7 @@ STALE_AFTER = 0.25
 
 _SLOW = 1.5  # times the usual interval between ranges: the same for a site that measures more slowly
 
+_KEEP_EVERY = 0.25  # between two additions to the histories, which cost the same for one value as for many [s]
 _RATE_TIME = 1.0  # over which the rate is counted [s]
 _REFERENCE_WAIT = 0.5  # of a range for the reading after it [s]
 _READINGS = 4000  # of the reference
@@ -50,6 +51,9 @@ class Pair:
     pending: collections.deque[tuple[float, int, int, float]] = dataclasses.field(
         default_factory=lambda: collections.deque(maxlen=_PENDING)
     )  # (monotonic [s], received [ns], stamp [ns], range [m])
+    new: list[tuple[int, float, float]] = dataclasses.field(default_factory=list)
+    """Received [ns], range [m] and standard deviation [m] of what is not in the histories yet."""
+    kept: float = -math.inf  # when the histories were added to [s]
 
     def rate(self, now: float) -> float:
         """Return ranges per second over the last second before `now` (monotonic [s])."""
@@ -116,21 +120,30 @@ class Store:
             if pair is None:
                 return
             if readings:
-                times = np.asarray(received, dtype=np.int64)
                 arrived = now - max(0.0, (time.time_ns() - received[-1]) * 1e-9)
                 if math.isfinite(pair.received):
                     pair.gaps.append(arrived - pair.received)
                 pair.newest, pair.received = readings[-1], arrived
                 pair.count += len(readings)
                 pair.arrivals.append((now, len(readings)))
-                pair.histories['range'].add(times, np.array([r.range for r in readings]))
-                pair.histories['std'].add(times, np.array([r.range_std for r in readings]))
+                pair.new.extend((t, r.range, r.range_std) for t, r in zip(received, readings, strict=True))
                 self.latency = (received[-1] - readings[-1].stamp) * 1e-9
                 if self._references:
-                    pair.pending.extend((now, int(t), r.stamp, r.range) for t, r in zip(times, readings, strict=True))
-            if pair.newest is not None:
-                pair.histories['rate'].add(np.array([time.time_ns()]), np.array([pair.rate(now)]))
-            self._compare(name, pair, now)
+                    pair.pending.extend((now, t, r.stamp, r.range) for t, r in zip(received, readings, strict=True))
+            if now - pair.kept >= _KEEP_EVERY:
+                pair.kept = now
+                self._keep(pair, now)
+                self._compare(name, pair, now)
+
+    def _keep(self, pair: Pair, now: float) -> None:
+        """Add what is new to the histories."""
+        if pair.new:
+            times, ranges, stds = zip(*pair.new, strict=True)
+            pair.histories['range'].add(np.array(times, dtype=np.int64), np.array(ranges))
+            pair.histories['std'].add(np.array(times, dtype=np.int64), np.array(stds))
+            pair.new.clear()
+        if pair.newest is not None:
+            pair.histories['rate'].add(np.array([time.time_ns()]), np.array([pair.rate(now)]))
 
     def _compare(self, name: str, pair: Pair, now: float) -> None:
         """Compare ranges with the reference once the reading after them has had time to arrive."""

@@ -104,7 +104,9 @@
     const silent = performance.now() - last;
     if (silent < SILENT) return;
     document.documentElement.dataset.lost = 'true';
-    for (const element of fields('lost')) element.textContent = `${(silent / 1000).toFixed(1)} s`;
+    const language = document.querySelector('.page').lang;
+    const seconds = new Intl.NumberFormat(language, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
+    for (const element of fields('lost')) element.textContent = `${seconds.format(silent / 1000)} s`;
   }, 100);
 
   window.addEventListener('pagehide', () => { clearTimeout(retrying); retrying = -1; });

@@ -17,7 +17,7 @@ from ..access.guard import REPORT_POLICY, Application, Guard
 from ..files.findings import report_path
 from ..files.work import PLOT, REPORT
 from ..state.store import Store
-from . import configuration, diagnosis, now, over_time, recordings, signals, stations
+from . import calibration, configuration, diagnosis, now, over_time, recordings, signals, stations
 from .frame import STATIC, VIEWS, Host, frame, path_of, viewer_of
 from .live import Live, layout
 from .login import routes
@@ -29,6 +29,7 @@ _BUILDERS = {
     'stations': stations.build,
     'diagnosis': diagnosis.build,
     'configuration': configuration.build,
+    'calibration': calibration.build,
     'recordings': recordings.build,
 }
 _FAVICON = (

@@ -23,20 +23,22 @@ def colours(theme: str) -> Colours:
     return _DARK if theme == 'dark' else _LIGHT
 
 
-def axis_chart(palette: Colours, time_axis: bool = False) -> dict[str, Any]:
+def axis_chart(palette: Colours, language: str, time_axis: bool = False) -> dict[str, Any]:
     """Return the options of a line chart without series."""
     label = {'color': palette.text, 'fontSize': 13, 'hideOverlap': True}
+    plain = f'value => value.toLocaleString("{language}", {{maximumFractionDigits: 9, useGrouping: false}})'
+    numbers = label | {':formatter': plain}
     rule = {'lineStyle': {'color': palette.grid}}
     horizontal: dict[str, Any] = {
         'type': 'time' if time_axis else 'value',
-        'axisLabel': label,
+        'axisLabel': label if time_axis else numbers,
         'splitLine': {'show': False},
     }
     return {
         'animation': False,
         'grid': {'left': 8, 'right': 18, 'top': 16, 'bottom': 8, 'containLabel': True},
         'xAxis': horizontal | {'axisLine': rule},
-        'yAxis': {'type': 'value', 'scale': True, 'axisLabel': label, 'splitLine': rule, 'splitNumber': 4},
+        'yAxis': {'type': 'value', 'scale': True, 'axisLabel': numbers, 'splitLine': rule, 'splitNumber': 4},
         'title': {
             'show': False,
             'left': 'center',

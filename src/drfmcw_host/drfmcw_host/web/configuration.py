@@ -8,9 +8,9 @@ from nicegui import ui
 
 from drfmcw_physics.settings import ConfigurationError
 
+from ..configure.calls import Unreachable
 from ..configure.parameter_file import save
-from ..configure.remote import Unreachable
-from ..configure.values import Described, shown, typed
+from ..configure.values import Described, as_number, shown, typed
 from .frame import Viewer, section, text
 
 _PARAMETER = 'parameter'
@@ -83,11 +83,11 @@ class ConfigurationView:
             with ui.element('td').classes('value'):
                 self._editor(parameter)
             text('td', parameter.unit)
-            text('td', parameter.bounds)
+            text('td', parameter.bounds(self._viewer.language))
             text('td', parameter.description)
 
     def _editor(self, parameter: Described) -> None:
-        say, current = self._viewer.say, shown(parameter.value)
+        say, current = self._viewer.say, shown(parameter.value, self._viewer.language)
         if parameter.read_only:
             text('span', current)
             text('span', say('config.fixed'), 'quiet')
@@ -110,24 +110,26 @@ class ConfigurationView:
 
     def _apply(self, parameter: Described, field: Any) -> Callable[[], Any]:
         async def apply() -> None:
-            await self.change(parameter, str(field.value))
+            await self.change(parameter, str(field.value), self._viewer.language)
 
         return apply
 
-    async def change(self, parameter: Described, content: str) -> None:
-        """Set a parameter to what was typed; say and log what became of it."""
-        viewer = self._viewer
+    async def change(self, parameter: Described, content: str, language: str) -> None:
+        """Set a parameter to what was typed in a language; say and log what became of it, the values as ROS writes."""
+        viewer, meant = self._viewer, content
         if not viewer.allowed(f'{_PARAMETER} {parameter.node} {parameter.name}'):
             return
         try:
-            taken, reason = await viewer.host.remote.set(parameter, typed(content, parameter.kind))
+            value = typed(content, parameter.kind, language)
+            meant = shown(value)
+            taken, reason = await viewer.host.remote.set(parameter, value)
         except ConfigurationError as error:
             taken, reason = False, str(error)
         except Unreachable:
             taken, reason = False, viewer.say('config.unreachable', node=parameter.node)
-        details = {'node': parameter.node, 'name': parameter.name, 'from': shown(parameter.value), 'to': content}
+        details = {'node': parameter.node, 'name': parameter.name, 'from': shown(parameter.value), 'to': meant}
         viewer.record(_PARAMETER, **details, taken=taken, reason=reason)
-        values = {'node': parameter.node, 'name': parameter.name, 'value': content}
+        values = {'node': parameter.node, 'name': parameter.name, 'value': as_number(meant, viewer.language)}
         if taken:
             ui.notify(viewer.say('config.taken', **values), type='positive')
         else:
@@ -158,8 +160,8 @@ class ConfigurationView:
         with ui.element('tr'):
             text('td', str(entry.get('time', ''))[:19].replace('T', ' '))
             text('td', str(entry.get('user', '')))
-            what = f'{entry.get("node")} {entry.get("name")}: {entry.get("from")} → {entry.get("to")}'
-            text('td', what)
+            values = [as_number(str(entry.get(key)), self._viewer.language) for key in ('from', 'to')]
+            text('td', f'{entry.get("node")} {entry.get("name")}: {" → ".join(values)}')
             text('td', say('config.accepted') if entry.get('taken') else str(entry.get('reason', '')))
             with ui.element('td'):
                 if entry.get('taken') and self._viewer.may_change:
@@ -174,7 +176,7 @@ class ConfigurationView:
                 return
             for parameter in parameters:
                 if parameter.name == entry['name']:
-                    await self.change(parameter, str(entry['from']))
+                    await self.change(parameter, str(entry['from']), 'en')
 
         return undo
 

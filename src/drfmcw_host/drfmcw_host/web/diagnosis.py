@@ -5,8 +5,9 @@ from typing import Any
 
 from nicegui import ui
 
-from ..files.findings import Finding, read_findings
+from ..files.findings import Effect, Finding, read_findings
 from ..state.store import Store
+from ..words.numbers import general
 from ..words.phrases import PHRASES, phrase
 from .frame import Viewer, field, section, table, text
 
@@ -37,13 +38,23 @@ def _finding(viewer: Viewer, finding: Finding) -> None:
             text('strong', say(key if key in PHRASES else 'verdict.other'))
             text('span', when, 'quiet')
         for effect in finding.effects:
-            text('p', effect)
-        chance = f'{finding.significance:.2g}' if finding.significance > 0.0 else '< 1e-300'
+            text('p', _described(effect, viewer.language))
+        chance = general(finding.significance, 2, viewer.language) if finding.significance > 0.0 else '< 1e-300'
         text('p', f'{say("diagnosis.significance")}: {chance}', 'quiet')
         if finding.next_measurement:
             text('p', f'{say("diagnosis.next")}: {finding.next_measurement}')
         if finding.report:
             show_in_place(viewer, say('diagnosis.open'), f'/findings/{finding.name}/report.html')
+
+
+def _described(effect: Effect, language: str) -> str:
+    """Return an effect as 'sweep_ripple of master: deviation = 1200 ± 40 Hz; period = 3.1 ± 0.2 µs'."""
+    of = f' ({effect.station})' if effect.station else ''
+    values = (
+        f'{name} = {general(value, 4, language)} ± {general(std, 2, language)} {unit}'.strip()
+        for name, value, std, unit in effect.parameters
+    )
+    return f'{effect.name}{of}: {"; ".join(values)}'
 
 
 def show_in_place(viewer: Viewer, label: str, address: str) -> None:

@@ -15,7 +15,9 @@ from ..access.attempts import Attempts
 from ..access.audit import Audit
 from ..access.passwords import Passwords
 from ..access.sessions import Session, Sessions
+from ..configure.calibration import RemoteCalibrations
 from ..configure.remote import RemoteParameters
+from ..files.calibrations import Calibrations
 from ..files.recordings import Recordings
 from ..files.work import Work
 from ..state.history import WINDOWS
@@ -23,7 +25,7 @@ from ..state.store import Store
 from ..words.phrases import LANGUAGES, phrase
 from .charts import colours
 
-VIEWS = ('now', 'over-time', 'signals', 'stations', 'diagnosis', 'configuration', 'recordings')
+VIEWS = ('now', 'over-time', 'signals', 'stations', 'diagnosis', 'configuration', 'calibration', 'recordings')
 """Last part of each page's path, in the order of the navigation; the first one is also '/'."""
 
 COOKIE, LANGUAGE, THEME = 'drfmcw_session', 'drfmcw_language', 'drfmcw_theme'
@@ -44,6 +46,8 @@ class Host:
     recordings: Recordings
     work: Work
     remote: RemoteParameters
+    calibrations: Calibrations
+    stations: RemoteCalibrations
     findings: Path
     state: Path
     read_only: bool

@@ -14,8 +14,10 @@ from ..state.store import Store
 from ..words.phrases import LANGUAGES
 from . import diagnosis, now, over_time, recordings, signals, stations
 
-INTERVAL = 0.1
-"""Between two messages to a browser [s]."""
+INTERVAL = 1.0 / 30.0
+"""Between two messages to a browser that shows "Now" [s]."""
+
+_QUIET = 0.1  # the same of the other views, whose charts and tables change less often [s]
 
 _LIMIT = 100  # browsers at a time
 _SEND_LIMIT = 10.0  # after which a browser that takes nothing is given up [s]
@@ -52,29 +54,36 @@ UPDATES: dict[str, tuple[Callable[[Store, Any, bool], dict[str, Any]], Callable[
 """View: (function that returns what changed, interval of its charts and tables [s])."""
 
 
+def pace_of(options: Options) -> float:
+    """Return the time between two messages to a browser that shows a view [s]."""
+    return INTERVAL if options.view == 'now' else _QUIET
+
+
 class Live:
     """Encodes messages, each once per tick, and sends them."""
 
     def __init__(self, store: Store) -> None:
         """Show what is in the store."""
         self._store = store
-        self._messages: dict[tuple[Options, bool], tuple[int, bytes]] = {}
+        self._messages: dict[tuple[Options, bool], tuple[int, bytes, float]] = {}
         self.browsers = 0
 
     def message(self, options: Options, whole: bool) -> bytes:
         """Return the message of this tick; `whole` one holds charts and tables whatever their interval."""
-        tick = math.floor(self._store.clock() / INTERVAL)
+        now, pace = self._store.clock(), pace_of(options)
+        tick = math.floor(now / pace)
         key = (options, whole)
         known = self._messages.get(key)
         if known is not None and known[0] == tick:
             return known[1]
         update, interval = UPDATES.get(options.view, (_NOTHING, lambda _: 1.0))
-        every = max(1, round(interval(options) / INTERVAL))
+        every = max(1, round(interval(options) / pace))
         with self._store.lock:
             content = update(self._store, options, whole or tick % every == 0)
             content['layout'] = layout(self._store)
         encoded = orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
-        self._messages = {k: m for k, m in self._messages.items() if m[0] >= tick - 1} | {key: (tick, encoded)}
+        current = {k: m for k, m in self._messages.items() if now - m[2] < _QUIET}
+        self._messages = current | {key: (tick, encoded, now)}
         return encoded
 
     async def serve(self, socket: WebSocket) -> None:
@@ -85,13 +94,14 @@ class Live:
         await socket.accept()
         self.browsers += 1
         options, whole = Options.of(socket.query_params), True
+        pace = pace_of(options)
         listening = asyncio.ensure_future(socket.receive())
         try:
             while not listening.done():
                 text = self.message(options, whole).decode()
                 await asyncio.wait_for(socket.send_text(text), _SEND_LIMIT)
                 whole = False
-                await asyncio.wait({listening}, timeout=INTERVAL - self._store.clock() % INTERVAL + 0.001)
+                await asyncio.wait({listening}, timeout=pace - self._store.clock() % pace + 0.001)
         except (WebSocketDisconnect, TimeoutError, RuntimeError):
             pass
         finally:

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from ..state.store import Pair, Store
 from ..words import flags
-from ..words.numbers import NONE, distance, number, span
+from ..words.numbers import NONE, distance, general, number, span
 from ..words.phrases import phrase
 from . import crane
 from .frame import Viewer, field, link, text
@@ -107,15 +107,15 @@ def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
         words += '. ' + phrase('now.failed', language).format(tests=tests)
     quality = flags.quality(newest.flags)
     key = 'now.stale' if stale else 'now.fresh'
-    fresh = phrase(key, language).format(age=span(age))
+    fresh = phrase(key, language).format(age=span(age, language))
     return {
-        'range': distance(newest.range),
-        'std': f'{number(newest.range_std, 2, 1e3)} mm',
-        'velocity': f'{number(newest.velocity, 3, sign=True)} m/s' if math.isfinite(newest.velocity) else NONE,
+        'range': distance(newest.range, language),
+        'std': f'{number(newest.range_std, 2, language, 1e3)} mm',
+        'velocity': _finite(newest.velocity, 3, 'm/s', language),
         'protection': _protection(newest.protection_level, language),
         'mode': flags.mode(newest.mode, language),
-        'rate': f'{number(pair.rate(store.clock()), 0)} {phrase("unit.per-second", language)}',
-        'error': f'{number(pair.error, 2, 1e3, sign=True)} mm' if math.isfinite(pair.error) else NONE,
+        'rate': f'{number(pair.rate(store.clock()), 0, language)} {phrase("unit.per-second", language)}',
+        'error': _finite(pair.error, 2, 'mm', language, 1e3),
         'quality': phrase(f'now.quality.{quality}', language),
         'words': words,
         'fresh': fresh,
@@ -123,10 +123,15 @@ def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
     }
 
 
+def _finite(value: float, digits: int, unit: str, language: str, scale: float = 1.0) -> str:
+    """Return a signed value with its unit, '–' where it is not known."""
+    return f'{number(value, digits, language, scale, sign=True)} {unit}' if math.isfinite(value) else NONE
+
+
 def _protection(level: float, language: str) -> str:
     if math.isinf(level):
         return phrase('now.refused', language)
-    return f'{number(level, 1, 1e3)} mm' if math.isfinite(level) else NONE
+    return f'{number(level, 1, language, 1e3)} mm' if math.isfinite(level) else NONE
 
 
 def _rail(pair: Pair, language: str) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
@@ -135,8 +140,8 @@ def _rail(pair: Pair, language: str) -> tuple[dict[str, dict[str, str]], dict[st
     seen = pair.histories['range'].curve(_RAIL_TIME, time.time_ns()).high
     length = crane.rail_length(float(np.max(seen)) if len(seen) else newest)
     x = crane.position(newest, length)
-    texts = {f'tick.{i}': f'{length * i / crane.TICKS:g} m' for i in range(crane.TICKS + 1)}
-    texts['rail.title'] = phrase('now.rail', language).format(length=f'{length:g}')
+    texts = {f'tick.{i}': f'{general(length * i / crane.TICKS, 6, language)} m' for i in range(crane.TICKS + 1)}
+    texts['rail.title'] = phrase('now.rail', language).format(length=general(length, 6, language))
     moved = {
         'crane': {'transform': f'translate({x:.1f} 0)'},
         'beam': {'d': f'M{crane.LEFT} 64H{max(x - 8, crane.LEFT):.1f}'},
@@ -153,5 +158,5 @@ def weather(store: Store, language: str) -> str:
         ('/site/humidity', 100.0, 0, '%'),
     ):
         reading = store.site.get(topic)
-        values.append(f'{number(reading[0], digits, scale)} {unit}' if reading else NONE)
+        values.append(f'{number(reading[0], digits, language, scale)} {unit}' if reading else NONE)
     return f'{phrase("now.weather", language)}: {" · ".join(values)}'

@@ -44,7 +44,7 @@ def _options(viewer: Viewer, index: int) -> dict[str, Any]:
     palette = colours(viewer.theme)
     colour = palette.lines[index]
     plain = {'type': 'line', 'showSymbol': False, 'data': [], 'silent': True, 'animation': False}
-    options = axis_chart(palette, time_axis=True)
+    options = axis_chart(palette, viewer.language, time_axis=True)
     options['series'] = [
         plain | {'name': 'low', 'stack': 'band', 'lineStyle': {'opacity': 0}, 'stackStrategy': 'all'},
         plain

@@ -47,14 +47,14 @@ class RecordingsView:
         ui.timer(_REFRESH, self._refresh)
 
     def _refresh(self) -> None:
-        host, say = self._viewer.host, self._viewer.say
+        host, say, language = self._viewer.host, self._viewer.say, self._viewer.language
         running = host.work.recording
         status = say('rec.idle')
         if running is not None:
-            status = say('rec.running', name=running.name, size=size(host.recordings.size(running.name)))
+            status = say('rec.running', name=running.name, size=size(host.recordings.size(running.name), language))
         _set(self._status, status)
         free, total = host.recordings.disk()
-        _set(self._disk, say('rec.disk', free=size(free), total=size(total)))
+        _set(self._disk, say('rec.disk', free=size(free, language), total=size(total, language)))
         recordings = [r for r in host.recordings.list() if running is None or r.name != running.name]
         jobs = [(job, job.running, job.reason) for job in reversed(host.work.jobs)]
         if (recordings, jobs) != self._shown:
@@ -78,7 +78,7 @@ class RecordingsView:
             with ui.element('div').classes('line'):
                 text('strong', recording.name)
                 when = datetime.datetime.fromtimestamp(recording.begun).isoformat(' ', 'seconds')
-                text('span', f'{when} · {size(recording.size)}', 'quiet')
+                text('span', f'{when} · {size(recording.size, self._viewer.language)}', 'quiet')
                 if self._viewer.may_change:
                     download = ui.element('a').classes('button')
                     download.props['href'] = f'/recordings/{recording.name}.tar'
@@ -155,7 +155,7 @@ class RecordingsView:
     def _job(self, job: Job) -> None:
         say = self._viewer.say
         if job.running:
-            state = say('rec.job.running', age=span(time.time() - job.begun))
+            state = say('rec.job.running', age=span(time.time() - job.begun, self._viewer.language))
         elif job.reason:
             state = say('rec.job.failed', reason=job.reason)
         else:

@@ -54,7 +54,7 @@ def build(viewer: Viewer) -> None:
 
 
 def _options(viewer: Viewer, palette: Colours) -> dict[str, Any]:
-    options = axis_chart(palette)
+    options = axis_chart(palette, viewer.language)
     options['yAxis'] |= {'min': _FLOOR, 'max': _TOP}
     options['xAxis'] |= {
         'name': f'{viewer.say("signals.frequency")} [kHz]',
@@ -122,7 +122,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
             data = np.column_stack([np.round(frequencies * 1e-3, 2), np.round(magnitude, 1)])
             levels = (decimated(magnitude, _WATERFALL)[0] - _DARK) / (_BRIGHT - _DARK)
             rows[f'waterfall.{station}'] = np.clip(levels * 255.0, 0, 255).astype(np.uint8)
-            texts[f'waterfall.{station}.end'] = f'{frequencies[-1] * 1e-3:.0f} kHz'
+            texts[f'waterfall.{station}.end'] = f'{number(frequencies[-1], 0, options.language, 1e-3)} kHz'
         if line is not None and math.isfinite(line.frequency):
             lines = [{'xAxis': round(line.frequency * 1e-3, 3)}]
         if settings is not None and not series:
@@ -148,10 +148,10 @@ def _powers(store: Store, pair: str, station: str, peer: str, language: str) -> 
     doubts = ', '.join(flags.line_flags(line.flags, language))
     return [
         station,
-        f'{number(line.power, 1)} dBm',
-        f'{number(expected, 1)} dBm',
-        f'{number(line.power - expected, 1, sign=True)} dB',
-        f'{number(line.snr, 1)} dB',
-        f'{number(line.frequency, 3, 1e-3)} kHz',
+        f'{number(line.power, 1, language)} dBm',
+        f'{number(expected, 1, language)} dBm',
+        f'{number(line.power - expected, 1, language, sign=True)} dB',
+        f'{number(line.snr, 1, language)} dB',
+        f'{number(line.frequency, 3, language, 1e-3)} kHz',
         {'text': doubts or NONE, 'state': 'doubtful' if doubts else 'good'},
     ]

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from ..state.store import Station, Store
 from ..words import flags
-from ..words.numbers import NONE, number, span
+from ..words.numbers import NONE, general, number, span
 from ..words.phrases import phrase
 from .frame import Viewer, field, section, table, text
 
@@ -60,7 +60,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
         texts |= {f'{name}.{key}': value for key, value in found.items()}
         states[f'{name}.card'] = state
         states[f'{name}.pll'] = 'unusable' if station.health and not station.health.pll_locked else 'good'
-    texts['latency'] = f'{phrase("stations.latency", language)}: {_latency(store.latency)}'
+    texts['latency'] = f'{phrase("stations.latency", language)}: {_latency(store.latency, language)}'
     level = {0: 'good', 1: 'doubtful', 2: 'unusable', 3: 'stale'}
     rows = [
         [
@@ -74,11 +74,11 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
     return {'text': texts, 'state': states, 'rows': {'diagnostics': rows}}
 
 
-def _latency(value: float) -> str:
+def _latency(value: float, language: str) -> str:
     """Return a clock difference; a simulated site counts its own time, which may be far off."""
     if abs(value) < 10.0:
-        return f'{number(value, 1, 1e3, sign=True)} ms'
-    return ('+' if value > 0 else '−') + span(abs(value))
+        return f'{number(value, 1, language, 1e3, sign=True)} ms'
+    return ('+' if value > 0 else '−') + span(abs(value), language)
 
 
 def _health(store: Store, station: Station, language: str) -> tuple[dict[str, str], str]:
@@ -86,11 +86,11 @@ def _health(store: Store, station: Station, language: str) -> tuple[dict[str, st
     if health is None:
         return {}, 'stale'
     found = {
-        'seen': span(age),
-        'temperature': f'{number(health.temperature, 1)} °C',
+        'seen': span(age, language),
+        'temperature': f'{number(health.temperature, 1, language)} °C',
         'pll': phrase('stations.locked' if health.pll_locked else 'stations.unlocked', language),
-        'loss': f'{number(health.loss, 2, 100.0)} % ({health.dropped} / {health.sweeps})',
-        'link': f'{number(health.link_quality, 0, 100.0)} %',
+        'loss': f'{number(health.loss, 2, language, 100.0)} % ({health.dropped} / {health.sweeps})',
+        'link': f'{number(health.link_quality, 0, language, 100.0)} %',
     }
     return found, 'stale' if age > _STALE else 'good' if health.pll_locked else 'unusable'
 
@@ -101,21 +101,26 @@ def _calibration(station: Station, language: str) -> dict[str, str]:
         return {'calibrated': phrase('stations.uncalibrated', language)}
     age = time.time() - station.calibration_stamp * 1e-9 if station.calibration_stamp else math.nan
     return {
-        'calibrated': span(age),
-        'alpha': f'{number(used.alpha - 1.0, 3, 1e6, sign=True)} ppm',
-        'adc': f'{number(used.sample_clock_alpha - 1.0, 3, 1e6, sign=True)} ppm',
-        'delay': f'{number(used.delay, 3, 1e9)} ns',
-        'at': f'{number(used.temperature, 1)} °C',
-        'floor': f'{number(used.noise_floor, 1)} dBm/Hz',
-        'phase': f'{number(used.phase_noise_level, 1)} dBc/Hz',
+        'calibrated': span(age, language),
+        'alpha': f'{number(used.alpha - 1.0, 3, language, 1e6, sign=True)} ppm',
+        'adc': f'{number(used.sample_clock_alpha - 1.0, 3, language, 1e6, sign=True)} ppm',
+        'delay': f'{number(used.delay, 3, language, 1e9)} ns',
+        'at': f'{number(used.temperature, 1, language)} °C',
+        'floor': f'{number(used.noise_floor, 1, language)} dBm/Hz',
+        'phase': f'{number(used.phase_noise_level, 1, language)} dBc/Hz',
     }
 
 
 def _settings(station: Station, language: str) -> str:
     """Return one sentence per peer."""
+
+    def value(content: float, scale: float) -> str:
+        return general(content, 6, language, scale)
+
     return '; '.join(
-        f'→ {peer}: {flags.mode(s.mode, language)}, {s.start_frequency * 1e-6:.6g} MHz + {s.bandwidth * 1e-6:.6g} MHz '
-        f'/ {s.ramp_duration * 1e3:.6g} ms, T_off {s.start_delay * 1e6:.4g} µs, '
-        f'{s.sample_count} / {s.sample_rate * 1e-6:.6g} MHz'
+        f'→ {peer}: {flags.mode(s.mode, language)}, '
+        f'{value(s.start_frequency, 1e-6)} MHz + {value(s.bandwidth, 1e-6)} MHz '
+        f'/ {value(s.ramp_duration, 1e3)} ms, T_off {value(s.start_delay, 1e6)} µs, '
+        f'{s.sample_count} / {value(s.sample_rate, 1e-6)} MHz'
         for peer, s in sorted(station.settings.items())
     )

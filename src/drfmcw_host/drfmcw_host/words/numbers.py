@@ -1,30 +1,46 @@
-"""Numbers as people read them: fixed digits, so that a changing number does not jump, and '–' for none."""
+"""Numbers as people read them: fixed digits, so that a changing number does not jump, and '–' for none.
+
+The language decides the decimal sign: a comma in German.
+"""
 
 import math
 
 NONE = '–'
 
 
-def distance(value: float) -> str:
+def localised(text: str, language: str) -> str:
+    """Return a number's text with the language's decimal sign."""
+    return text.replace('.', ',') if language == 'de' else text
+
+
+def distance(value: float, language: str) -> str:
     """Return a range [m] with millimetres."""
-    return f'{value:.3f}' if math.isfinite(value) else NONE
+    return localised(f'{value:.3f}', language) if math.isfinite(value) else NONE
 
 
-def number(value: float, digits: int, scale: float = 1.0, sign: bool = False) -> str:
+def number(value: float, digits: int, language: str, scale: float = 1.0, sign: bool = False) -> str:
     """Return `value * scale` with a fixed number of decimals; '∞' for infinite values."""
     if math.isinf(value):
         return '∞' if value > 0 else '−∞'
     if math.isnan(value):
         return NONE
-    return f'{value * scale:+.{digits}f}' if sign else f'{value * scale:.{digits}f}'
+    text = f'{value * scale:+.{digits}f}' if sign else f'{value * scale:.{digits}f}'
+    return localised(text, language)
 
 
-def span(seconds: float) -> str:
+def general(value: float, digits: int, language: str, scale: float = 1.0, sign: bool = False) -> str:
+    """Return `value * scale` with so many significant digits, as short as possible."""
+    if not math.isfinite(value):
+        return number(value, 0, language)
+    return localised(f'{value * scale:{"+" if sign else ""}.{digits}g}', language)
+
+
+def span(seconds: float, language: str) -> str:
     """Return an age as '0.2 s', '42 s', '3:07 min', '2:05 h' or '4 d'."""
     if not math.isfinite(seconds):
         return NONE
     if seconds < 10.0:
-        return f'{seconds:.1f} s'
+        return f'{number(seconds, 1, language)} s'
     if seconds < 60.0:
         return f'{seconds:.0f} s'
     whole = int(seconds)
@@ -35,9 +51,9 @@ def span(seconds: float) -> str:
     return f'{whole // 86_400} d'
 
 
-def size(count: float) -> str:
+def size(count: float, language: str) -> str:
     """Return a number of bytes as '812 MB' or '1.4 GB'."""
     for unit, factor in (('GB', 1e9), ('MB', 1e6), ('kB', 1e3)):
         if count >= factor:
-            return f'{count / factor:.3g} {unit}'
+            return f'{general(count / factor, 3, language)} {unit}'
     return f'{count:.0f} B'
