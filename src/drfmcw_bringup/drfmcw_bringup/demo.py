@@ -24,7 +24,7 @@ from .graph import HOST, Graph, private_environment
 from .monitor import monitored
 from .run import joining, pair_names, start_graph, watch
 
-_START_LIMIT = 40.0  # until the first range arrives, on a machine that is busy otherwise [s]
+_START_LIMIT = 90.0  # until the first range arrives, on a machine that is busy otherwise [s]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog='drfmcw run', description=__doc__)
     parser.add_argument('scenario', nargs='?', default='crane', help='scenario: YAML file or name in config/ (crane)')
     parser.add_argument('--rate', type=float, default=1.0, metavar='X', help='scenario seconds per second (1)')
-    parser.add_argument('--fast', action='store_true', help='as fast as the stations take the sweeps')
+    parser.add_argument('--fast', action='store_true', help='as fast as stations and fusion go')
     parser.add_argument('--loop', action='store_true', help='start again when the scenario ends')
     parser.add_argument('--record', type=Path, metavar='RECORDING', help='write a recording')
     parser.add_argument(

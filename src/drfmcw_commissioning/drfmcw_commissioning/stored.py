@@ -1,10 +1,11 @@
-"""`calibrate list, show, diff, rollback, store`: the calibrations that a machine's state directory keeps."""
+"""`calibrate list, show, diff, rollback, store`: calibrations that this machine keeps; `push`: to a running station."""
 
 import argparse
 import dataclasses
 import math
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -12,8 +13,10 @@ from rich.table import Table
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.calibration.document import Document, read_document
+from drfmcw_ros.calibration.service import store_on_station
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
 
+_LONGEST_WAIT = 3600.0  # [s]
 _HIDDEN = ('version', 'date', 'operator')  # of a difference: each version has its own
 
 
@@ -41,6 +44,17 @@ def add_parsers(commands: Any) -> None:
             parser.add_argument('versions', type=int, nargs='*', metavar='VERSION', help='one or two (the newest two)')
         elif name == 'rollback':
             parser.add_argument('--version', type=int, metavar='N', help='version to return to (the one before)')
+    _add_push(commands)
+
+
+def _add_push(commands: Any) -> None:
+    summary = 'store the document of a file on a running station, which uses it at once'
+    parser = commands.add_parser('push', help=summary, description=summary)
+    parser.set_defaults(work=_push)
+    parser.add_argument('station', help='name of the station')
+    parser.add_argument('file', help='calibration document')
+    parser.add_argument('--operator', default='', metavar='NAME', help='who stores it')
+    parser.add_argument('--timeout', type=float, default=10.0, metavar='S', help='longest wait for the answer (10)')
 
 
 def store_of(arguments: argparse.Namespace) -> CalibrationStore:
@@ -138,3 +152,16 @@ def _rollback(arguments: argparse.Namespace) -> None:
 def _store(arguments: argparse.Namespace) -> None:
     stored = store_of(arguments).add(read_document(arguments.file), arguments.operator)
     print(f'{stored.station}: stored as version {stored.version}')
+
+
+def _push(arguments: argparse.Namespace) -> None:
+    if not 0.0 < arguments.timeout <= _LONGEST_WAIT:
+        raise ConfigurationError(f'--timeout = {arguments.timeout:g} s is not within 0 ... {_LONGEST_WAIT:g}')
+    try:
+        text = Path(arguments.file).read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigurationError(f'{arguments.file}: {error.strerror or error}') from None
+    except UnicodeDecodeError:
+        raise ConfigurationError(f'{arguments.file}: is no text') from None
+    version = store_on_station(arguments.station, text, arguments.operator, arguments.timeout)
+    print(f'{arguments.station}: accepted, stored there as version {version}')

@@ -313,7 +313,8 @@ def _found(search: Search, fitted: Fitted, effect: FittedEffect) -> FoundEffect:
         trust = recipe.trust.get(base, 0.0)
         if base == recipe.size or not recipe.size:
             trust = max(trust, LIMITS.decibel if decibel else LIMITS.size)
-        trust *= 1.0 if decibel else abs(value)
+        nothing = recipe.start[base] if recipe.coefficients else 0.0  # the value without effect
+        trust *= 1.0 if decibel else abs(value - nothing)
         if base == recipe.each_sweep:  # of which the sweeps hold one outcome
             trust = math.hypot(trust, math.sqrt(value * (1.0 - value) / len(comparison.data)))
         parameters[name] = Estimate(value, math.hypot(std, trust), unit)

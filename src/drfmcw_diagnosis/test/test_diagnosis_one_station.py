@@ -22,7 +22,7 @@ from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping
 
 IQ = {'waveform': {'iq': True}}
-IN_THE_IF = ('ramp', 'flutter', 'lines', 'mean', 'harmonic', 'burst')  # what samples alone show
+IN_THE_IF = ('ramp', 'flutter', 'lines', 'mean', 'baseline', 'harmonic', 'burst')  # what samples alone show
 
 
 def recorded(path, **sections):

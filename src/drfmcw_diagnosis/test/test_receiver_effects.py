@@ -6,6 +6,7 @@ from scenes import record, scene
 from drfmcw_diagnosis.engine import diagnose
 
 STANDING = {'distances': [120.0, 160.0, 210.0, 260.0, 320.0, 390.0], 'sweeps': 12}
+OTHERS = {'receiver_settling': {'level': -55.0}}
 
 
 @pytest.mark.parametrize(
@@ -16,11 +17,12 @@ STANDING = {'distances': [120.0, 160.0, 210.0, 260.0, 320.0, 390.0], 'sweeps': 1
         ('second_order_distortion', 'slave', 'second_order', 0.5),
         ('ac_coupling', 'slave', 'pole', 30e3),
         ('sweep_rate', 'slave', 'error', 1e-4),
+        ('receiver_settling', 'master', 'time_constant', 1.5e-4),
     ],
 )
 def test_a_concealed_effect_is_found(tmp_path, effect, station, parameter, true):
     """Its size lies within 4 standard deviations; the recording is fixed, so nothing is by chance."""
-    concealed = {'effect': effect, 'station': station, parameter: true}
+    concealed = {'effect': effect, 'station': station, parameter: true} | OTHERS.get(effect, {})
     scenario = scene({'standing': STANDING}, effects=[concealed], reference={'range_std': 0.005})
     found = diagnose(record(scenario, tmp_path / 'r'))
     assert found.verdict in ('explained', 'ambiguous')
@@ -28,3 +30,20 @@ def test_a_concealed_effect_is_found(tmp_path, effect, station, parameter, true)
     assert (finding.effect, finding.station or '') == (effect, station)
     value = finding.parameters[parameter]
     assert abs(value.value - true) < 4.0 * value.std
+
+
+def test_a_ramp_bent_over_the_band_is_one_effect(tmp_path):
+    """Several ripples and a curvature would fit it, too. The coefficients are known up to a common factor.
+
+    Those found lie within 5 standard deviations; the recording is fixed, so nothing is by chance.
+    """
+    true = [1.00004, 1.0, 0.99998, 1.00001, 1.00003]
+    concealed = {'effect': 'sweep_shape', 'station': 'slave', 'relative_rate': true}
+    scenario = scene({'standing': STANDING}, effects=[concealed], reference={'range_std': 0.005})
+    found = diagnose(record(scenario, tmp_path / 'r'))
+    assert found.verdict == 'explained'
+    (finding,) = found.explanation.effects
+    assert (finding.effect, finding.station) == ('sweep_shape', 'slave')
+    values = [finding.parameters[f'relative_rate[{i}]'] for i in range(len(true))]
+    apart = [v.value - t for v, t in zip(values, true, strict=True)]
+    assert max(apart) - min(apart) < 5.0 * max(v.std for v in values) < 1e-5

@@ -69,6 +69,7 @@ def test_residuals_of_a_recording_by_others_are_noise():
         ('movement', 0.5, 1.5),
         ('noise', 0.3, 1.5),
         ('mean', 0.2, 2.2),
+        ('baseline', 0.8, 1.2),
         ('harmonic', 0.6, 1.5),
     ):
         numbers = residual[entries.where(kind=kind)]

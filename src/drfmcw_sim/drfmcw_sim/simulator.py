@@ -1,7 +1,7 @@
 """ROS node that stands in for the hardware of all stations, the weather sensors and the reference instrument."""
 
-import collections
 import dataclasses
+import functools
 import math
 import queue
 import sys
@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from drfmcw_msgs.msg import BeatFrequency, SweepConfig
+from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, SweepConfig
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -26,12 +26,12 @@ from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched
 
+from .flow_control import Acknowledgements
 from .recording import message_type
 from .scenario import Scenario, read_scenario
 from .timeline import NANOSECONDS, Event, Timeline
 
 _BLOCK = 8  # measurements synthesised at once: a few milliseconds of delay at most
-_PROBE_INTERVAL = 0.1  # between sweeps to a station that has never answered [s]
 _SETTLING = 0.5  # from the match with the stations to the first sweep, so that latched settings arrive first [s]
 _LAG_LIMIT = 1.0  # lag behind the pace beyond which the node stops catching up and goes on from the present [s]
 _DELIVERY_LIMIT = 5.0  # wait at the end for subscribers to have received everything [s]
@@ -50,17 +50,18 @@ class SimulatorSettings:
     )
     pace: str = parameter(
         'scenario', choices=('scenario', 'subscribers'), structural=True,
-        description="'scenario': scenario time times `rate`; 'subscribers': as fast as the stations take the sweeps",
+        description="'scenario': scenario time times `rate`; 'subscribers': as fast as stations and fusion go",
     )  # fmt: skip
     rate: float = parameter(
         1.0, bounds=(1e-3, 1e4), description="scenario seconds per second of the pace 'scenario'; 1 is real time"
     )
     window: int = parameter(
-        20, bounds=(1, 350), description="pace 'subscribers': sweeps that a station may have unanswered"
-    )
+        20, bounds=(1, 350),
+        description="pace 'subscribers': sweeps that a station may have unanswered; twice as many may lack their range",
+    )  # fmt: skip
     acknowledge_timeout: float = parameter(
         2.0, unit='s', bounds=(0.05, 600.0),
-        description="pace 'subscribers': a station silent for so long is no longer waited for, until it answers again",
+        description="pace 'subscribers': wait for a silent station or pair; then go on without until it is back",
     )  # fmt: skip
     listeners: int = parameter(
         1, bounds=(1, 100), description="subscribers of each station's samples to wait for (2 with a recorder)"
@@ -88,61 +89,6 @@ class SimulatorSettings:
     at_end: str = parameter(
         'exit', choices=('exit', 'loop', 'stay'), description='what follows the end of the scenario'
     )
-
-
-class Acknowledgements:
-    """Which sweeps each station has answered, so that no more than a window of them is under way.
-
-    The first answers may be lost while the middleware still connects the station's publisher to us: until a station has
-    answered once it gets a sweep now and then, not a window that nobody would acknowledge.
-    """
-
-    def __init__(self, stations: Sequence[str]) -> None:
-        """Start with nothing under way."""
-        self._waiting: dict[str, collections.deque[int]] = {name: collections.deque() for name in stations}
-        self._progress = dict.fromkeys(stations, time.monotonic())
-        self._sent_at = dict.fromkeys(stations, 0.0)
-        self._heard: set[str] = set()
-        self.silent: set[str] = set()
-
-    def sent(self, station: str, sweep_id: int) -> None:
-        """Note a published sweep."""
-        if not self._waiting[station]:
-            self._progress[station] = time.monotonic()
-        self._sent_at[station] = time.monotonic()
-        if station not in self.silent:
-            self._waiting[station].append(sweep_id)
-
-    def answered(self, station: str, sweep_id: int) -> bool:
-        """Note a station's result, which answers every earlier sweep too; return True where it was silent before."""
-        waiting = self._waiting[station]
-        while waiting and waiting[0] <= sweep_id:
-            waiting.popleft()
-        self._progress[station] = time.monotonic()
-        self._heard.add(station)
-        back = station in self.silent
-        self.silent.discard(station)
-        return back
-
-    def room(self, station: str, window: int) -> bool:
-        """Return True where the station may be sent another sweep."""
-        if station in self.silent or not self._waiting[station]:
-            return True
-        if station not in self._heard:
-            return time.monotonic() - self._sent_at[station] > _PROBE_INTERVAL
-        return len(self._waiting[station]) < window
-
-    def outstanding(self) -> int:
-        """Return the largest number of sweeps any station has unanswered."""
-        return max(len(w) for w in self._waiting.values())
-
-    def give_up(self, station: str, timeout: float) -> bool:
-        """Return True where the station has now been silent for `timeout` [s] and is no longer waited for."""
-        if station in self.silent or time.monotonic() - self._progress[station] < timeout:
-            return False
-        self.silent.add(station)
-        self._waiting[station].clear()
-        return True
 
 
 class Simulator(Node):
@@ -176,10 +122,10 @@ class Simulator(Node):
         self._state = 'waiting for subscribers'
         self._anchor = (0.0, 0)  # a moment of the machine's clock [s] and the stamp that was due then [ns]
         self._lag = 0.0
-        self._acknowledgements = Acknowledgements(list(self.scenario.stations))
+        self._answers = Acknowledgements(list(self.scenario.stations))
+        self._ranges = Acknowledgements([f'{pair.first}/{pair.second}' for pair in self.scenario.pairs])
         if settings.pace == 'subscribers':
-            for station in self.scenario.stations:
-                self._listen(station)
+            self._listen()
         for station in self.scenario.stations:
             qos.subscription(
                 self, SweepConfig, f'/{station}/sweep_request', self._on_request,
@@ -224,15 +170,22 @@ class Simulator(Node):
     def _publish_as_stored(self, document: Document) -> None:
         self.scenario.stored[document.station] = document.calibration()
 
-    def _listen(self, station: str) -> None:
-        def on_beats(messages: list[BeatFrequency]) -> None:
-            with self._lock:
-                back = self._acknowledgements.answered(station, max(m.sweep_id for m in messages))
-                self._lock.notify_all()
-            if back:
-                self.get_logger().info(f"station '{station}' answers again")
+    def _listen(self) -> None:
+        """Take in what stations and fusion have made of the sweeps."""
 
-        qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', on_beats, qos.RELIABLE, batch=True)
+        def take(answers: Acknowledgements, name: str, back: str, messages: list[Any]) -> None:
+            with self._lock:
+                returned = answers.answered(name, max(m.sweep_id for m in messages))
+                self._lock.notify_all()
+            if returned:
+                self.get_logger().info(back)
+
+        for station in self.scenario.stations:
+            on_beats = functools.partial(take, self._answers, station, f"station '{station}' answers again")
+            qos.subscription(self, BeatFrequency, f'/{station}/beat_frequency', on_beats, qos.RELIABLE, batch=True)
+        for pair in self._ranges.names:
+            on_ranges = functools.partial(take, self._ranges, pair, f'{pair} has ranges again')
+            qos.subscription(self, RangeEstimate, f'/{pair}/range', on_ranges, qos.RELIABLE, batch=True)
 
     def _on_request(self, request: SweepConfig) -> None:
         names = {request.station, request.peer}
@@ -310,6 +263,9 @@ class Simulator(Node):
         if missing and self.settings.wait_for_subscribers > 0 and not self._stop.is_set():
             self.get_logger().warning(f'starting without {", ".join(missing)}')
         self._stop.wait(max(_SETTLING, self.settings.settings_pause))
+        for pair in self._ranges.names:
+            if self.count_publishers(f'/{pair}/range') == 0:
+                self._ranges.expect_nothing(pair)
         if self.settings.start == 'now':
             self._timeline.start = self._now()
 
@@ -366,14 +322,16 @@ class Simulator(Node):
                 measured.add(event.sweep_id)
                 if self.settings.pace == 'subscribers':
                     with self._lock:
-                        self._acknowledgements.sent(event.content.station, event.sweep_id)
+                        self._answers.sent(event.content.station, event.sweep_id)
+                        self._ranges.sent(self._pair_of(event), event.sweep_id)
         return len(measured)
 
     def _wait_until(self, event: Event) -> None:
         """Wait until an event is due at the chosen pace."""
         if self.settings.pace == 'subscribers' and not self._all_silent():
             if event.sweep_id >= 0:
-                self._wait_for_room()
+                window = self.settings.window
+                self._wait_for_room(window, 2 * window)
             self._anchor = (time.monotonic(), event.stamp)
             return
         begun, stamp = self._anchor
@@ -391,19 +349,32 @@ class Simulator(Node):
 
     def _all_silent(self) -> bool:
         with self._lock:
-            return len(self._acknowledgements.silent) == len(self.scenario.stations)
+            return len(self._answers.silent) == len(self.scenario.stations)
 
-    def _wait_for_room(self) -> None:
-        acknowledgements, settings = self._acknowledgements, self.settings
+    def _pair_of(self, event: Event) -> str:
+        """Return 'first/second' of a sweep's pair."""
+        one, other = event.content.station, event.content.peer
+        name = f'{one}/{other}'
+        return name if name in self._ranges.names else f'{other}/{one}'
+
+    def _wait_for_room(self, window: int, of_ranges: int) -> None:
+        """Wait until each station has fewer than `window` sweeps to do and each pair lacks fewer than `of_ranges`.
+
+        Whoever is silent for `acknowledge_timeout` is waited for no longer.
+        """
+        parties = (
+            (self._answers, window, "station '{}' does not answer: going on without it"),
+            (self._ranges, of_ranges, 'no range of {}: going on without it'),
+        )
         with self._lock:
             while not self._stop.is_set():
-                full = [s for s in self.scenario.stations if not acknowledgements.room(s, settings.window)]
+                full = [(answers, name, said) for answers, limit, said in parties for name in answers.full(limit)]
                 if not full:
                     return
                 self._lock.wait(0.05)
-                for station in full:
-                    if acknowledgements.give_up(station, settings.acknowledge_timeout):
-                        self.get_logger().warning(f"station '{station}' does not answer: going on without it")
+                for answers, name, said in full:
+                    if answers.give_up(name, self.settings.acknowledge_timeout):
+                        self.get_logger().warning(said.format(name))
 
     def _wanted_changes(self) -> dict[int, tuple[Mode, float | None]]:
         """Return the requests that ask for something else than what is in use."""
@@ -436,10 +407,12 @@ class Simulator(Node):
         self._stop.wait(self.settings.settings_pause)
 
     def _deliver(self) -> None:
-        """Wait until subscribers have received everything."""
+        """Wait until subscribers have received everything, and evaluated it where they set the pace."""
         for publisher in self._publishers_of.values():
             if not self._stop.is_set():
                 publisher.wait_for_all_acked(Duration(seconds=_DELIVERY_LIMIT))
+        if self.settings.pace == 'subscribers':
+            self._wait_for_room(1, 1)
 
     # --- diagnostics and end ---
 
@@ -464,15 +437,18 @@ class Simulator(Node):
 
     def _diagnose(self, status: Status) -> None:
         with self._lock:
-            silent = sorted(self._acknowledgements.silent)
-            outstanding = self._acknowledgements.outstanding()
+            silent, without = sorted(self._answers.silent), sorted(self._ranges.silent)
+            outstanding, on_their_way = self._answers.outstanding(), self._ranges.outstanding()
         status.report(WARN if silent else OK, f'no answer from {", ".join(silent)}' if silent else self._state)
+        if without:
+            status.report(WARN, f'no range of {", ".join(without)}')
         if self._lag > 0.1:
             status.report(WARN, f'{self._lag:.2f} s behind the pace')
         self._diagnose_schedule(status)
         status.value('sweeps', self._timeline.next_sweep_id)
         status.value('sweeps of the scenario', self._timeline.sweep_count)
         status.value('outstanding', outstanding)
+        status.value('without a range yet', on_their_way)
         status.value('lag [s]', self._lag)
 
 

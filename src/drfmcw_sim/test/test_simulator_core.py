@@ -9,9 +9,9 @@ bag = pytest.importorskip('drfmcw_ros.bag.files')
 from drfmcw_physics.air import refractive_index  # noqa: E402
 from drfmcw_physics.settings import ConfigurationError  # noqa: E402
 from drfmcw_sim import simulate  # noqa: E402
+from drfmcw_sim.flow_control import Acknowledgements  # noqa: E402
 from drfmcw_sim.recording import write_recording  # noqa: E402
 from drfmcw_sim.scenario import read_scenario, scenario_from_mapping  # noqa: E402
-from drfmcw_sim.simulator import Acknowledgements  # noqa: E402
 from drfmcw_sim.timeline import Timeline  # noqa: E402
 
 SMALL = ('pairs.0.standing.sweeps=4', 'pairs.0.standing.distances=[100, 700]')
@@ -159,3 +159,19 @@ def test_window_of_unanswered_sweeps():
     assert under_way.room('a', 5)
     assert under_way.answered('a', 9)
     assert not under_way.silent
+
+
+def test_who_is_not_there_is_not_waited_for():
+    """A graph without fusion goes on; one that gets fusion later waits for it from its first range on."""
+    under_way = Acknowledgements(['a/b'])
+    under_way.expect_nothing('a/b')
+    for sweep_id in range(30):
+        under_way.sent('a/b', sweep_id)
+    assert under_way.full(5) == []
+    assert not under_way.give_up('a/b', 0.0)
+    assert not under_way.answered('a/b', 29)
+    for sweep_id in (30, 30, 31, 31, 32, 32):  # both stations' sweeps of a measurement
+        under_way.sent('a/b', sweep_id)
+    assert under_way.outstanding() == 3
+    assert under_way.full(3) == ['a/b']
+    assert under_way.full(4) == []

@@ -1,7 +1,11 @@
-"""`survey RECORDING`: is the site good enough? Judges a recording of the travel by the customer's requirements."""
+"""`survey RECORDING`: is the site good enough? Judges a recording of the travel by the customer's requirements.
+
+With --live it records the running graph first.
+"""
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,13 +13,14 @@ from pathlib import Path
 from rich.console import Console
 
 from drfmcw_node.estimators.estimation import EstimatorSettings
-from drfmcw_physics.settings import declared_parameters, from_mapping
+from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping
 from drfmcw_ros.bag.files import BagError
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.config_files import find_config
 
 from .evidence import read_evidence
 from .findings import find, worst
+from .live import record_live
 from .report import Survey, as_object, checksum, headline, render
 from .requirements import Requirements, read_requirements
 from .verdict import Result, judge
@@ -65,8 +70,15 @@ def _run(arguments: argparse.Namespace) -> int:
     requirements = read_requirements(str(path))
     options = {'estimator': arguments.estimator} if arguments.estimator else {}
     estimator = from_mapping(EstimatorSettings, options, 'options')
-    found = survey(arguments.recording, requirements, str(path), estimator)
     console = Console()
+    if arguments.duration is not None and not arguments.live:
+        raise ConfigurationError('--duration needs --live')
+    if arguments.live:
+        duration = math.inf if arguments.duration is None else arguments.duration
+        status = record_live(arguments.recording, duration, console)
+        if status:
+            return status
+    found = survey(arguments.recording, requirements, str(path), estimator)
     _show(found, console)
     if arguments.out:
         write_atomically(arguments.out, render(found))
@@ -88,6 +100,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--out', type=Path, metavar='FILE', help='write the acceptance report (HTML; print it as PDF)')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write everything as JSON')
     parser.add_argument('--estimator', help=declared_parameters(EstimatorSettings)['estimator'][1].description)
+    parser.add_argument(
+        '--live',
+        action='store_true',
+        help='first record what the running graph measures, into a recording of this name',
+    )
+    parser.add_argument('--duration', type=float, metavar='S', help='with --live: record S seconds (until Ctrl-C)')
     arguments = parser.parse_args(argv)
     return guarded(_PROG, lambda: _run(arguments))
 

@@ -7,6 +7,7 @@ delay, which are no mismatch and are removed. What remains is
   noise appears in the sum alone, a second path in both, a synthesiser's error in the sum;
 - flutter: by how much that changes from sweep to sweep beyond the noise, as under a modulation of random phase;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
+- baseline: how that mean changes over the sweep, as while a receiver settles;
 - harmonic: the line's harmonics at the line's own phase, to which a distortion is locked and noise is not;
 - piled: excess of samples at the outermost codes, which a limiter causes;
 - burst: how unevenly the power beside the line is spread over sweeps and spans of a sweep;
@@ -55,6 +56,7 @@ class SweepFeatures:
     power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
     line: np.ndarray  # (n, S) frequency of each line [Hz]
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    baseline: np.ndarray  # (n, S, Q V) means of the samples in V spans of the sweep, less the mean of these [LSB]
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
     piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
     quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
@@ -105,6 +107,7 @@ class Extractor:
             window_samples('hann', *s.sweep.analysis_window(), s.sweep.sample_rate, s.sweep.sample_count) / s.window_sum
             for s in self.estimator.stations
         ]
+        self._spans = [spans(s.sweep) for s in self.estimator.stations]
 
     def __call__(
         self,
@@ -125,8 +128,8 @@ class Extractor:
             harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
             quiet: compute `quiet`; otherwise it is (n, S, 0).
             noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
-            shape: compute `ramp`, `mean`, `beat`, `amplitude` and `range`; otherwise they are (n, 0), `noisy` or not,
-                and `line` is that of a first round.
+            shape: compute `ramp`, `mean`, `baseline`, `beat`, `amplitude` and `range`; otherwise they are (n, 0),
+                `noisy` or not, and `line` is that of a first round.
         """
         functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
         taken = tuple(f for f, wanted in functions if wanted)
@@ -135,7 +138,7 @@ class Extractor:
             for i in range(0, len(samples[0]), 64)
         ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, beat, amplitude, delay, std, carrier, phase_std, *rest = found
+        ramp, power, line, mean, baseline, beat, amplitude, delay, std, carrier, phase_std, *rest = found
         nothing = np.zeros((*line.shape, 0))
         harmonics, piles, quiets = (rest.pop(0) if wanted else nothing for _, wanted in functions)
         hardware = sum(c.delay for c in self.calibrations)
@@ -146,6 +149,7 @@ class Extractor:
             power=power,
             line=line,
             mean=mean,
+            baseline=baseline,
             harmonic=harmonics,
             piled=piles[..., 0] if harmonic else np.zeros(line.shape),
             quiet=quiets,
@@ -157,8 +161,8 @@ class Extractor:
             phase_std=phase_std,
         )
 
-    def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what additive noise alone makes of one sweep: variances of ramp (2 S,) and mean (S, Q).
+    def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return variances that additive noise alone makes of one sweep: ramp (2 S,), mean (S, Q), baseline (S, Q V).
 
         Args:
             sweeps: features of a group, of one station.
@@ -168,7 +172,8 @@ class Extractor:
         line = 10.0 ** (sweeps.amplitude.mean(axis=0) / 10.0) * self.topology.line_share
         ramp = noise / (2.0 * self.estimator.block * line)
         mean = noise / parts * np.array([w @ w for w in self._weights])
-        return np.tile(ramp, 2), np.repeat(mean[:, None], parts, axis=1)
+        baseline = (noise / parts)[:, None] * np.array([np.sum(w**2, axis=0) for w in self._spans])
+        return np.tile(ramp, 2), np.repeat(mean[:, None], parts, axis=1), np.tile(baseline, (1, parts))
 
     def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
         """Return each sweep's share in the coherence of both lines' phase noise (n, C), see `coherence`.
@@ -202,7 +207,7 @@ class Extractor:
         noise_features = (nothing,) * 3
         if not shape:
             power, lines = self.estimator.spectra(samples)
-            ramp = mean = beat = amplitude = delay = nothing
+            ramp = mean = baseline = beat = amplitude = delay = nothing
         else:
             if noisy:
                 estimates, base = self.estimator.with_basebands(samples, full_scale)
@@ -212,12 +217,8 @@ class Extractor:
             power, lines = base.power, base.beat
             ramp, amplitude = self._ramp(base)
             beat, delay = self._delay(lines)
-            parts = self.topology.parts
-            means = [
-                np.stack([x.reshape(n, -1)[:, i::parts] @ w for i in range(parts)], axis=1)
-                for x, w in zip(samples, self._weights, strict=True)
-            ]
-            mean = np.stack(means, axis=1)
+            mean = self._means(samples, [w[:, None] for w in self._weights])
+            baseline = self._means(samples, self._spans)
         stations = self.estimator.stations
         of_stations = tuple(
             np.stack(
@@ -229,7 +230,17 @@ class Extractor:
             )
             for take in taken
         )
-        return (ramp, np.stack(power, axis=1), lines.T, mean, beat, amplitude, delay, *noise_features, *of_stations)
+        of_line = ramp, np.stack(power, axis=1), lines.T, mean, baseline, beat, amplitude, delay
+        return (*of_line, *noise_features, *of_stations)
+
+    def _means(self, samples: tuple[np.ndarray, ...], weights: Sequence[np.ndarray]) -> np.ndarray:
+        """Return weighted means of each station's samples (n, S, Q V), of I and Q apart; `weights` (N, V) each."""
+        parts = self.topology.parts
+        means = [
+            np.concatenate([x.reshape(len(x), -1)[:, i::parts] @ w for i in range(parts)], axis=1)
+            for x, w in zip(samples, weights, strict=True)
+        ]
+        return np.stack(means, axis=1)
 
     def _ramp(self, base: Basebands) -> tuple[np.ndarray, np.ndarray]:
         """Return `ramp` and `amplitude` of sweeps, see `SweepFeatures`."""
@@ -346,6 +357,21 @@ class Extractor:
             shares.append(Share(beat, sweep, calibration))
         first, second = shares
         return combine(first, second)
+
+
+def spans(sweep: SweepSettings) -> np.ndarray:
+    """Return weights of means of the samples in spans of the sweep that overlap by half (N, V), which keep lines out.
+
+    Each column is a span's mean less the mean of all spans.
+    """
+    begin, end = sweep.analysis_window()
+    step = (end - begin) / (SPECTRUM.spans + 1)
+    windows = [
+        window_samples('blackmanharris', at, at + 2.0 * step, sweep.sample_rate, sweep.sample_count)
+        for at in begin + step * np.arange(SPECTRUM.spans)
+    ]
+    each = np.stack([w / w.sum() for w in windows], axis=1)
+    return each - each.mean(axis=1, keepdims=True)
 
 
 def as_complex(samples: np.ndarray, iq: bool) -> np.ndarray:

@@ -62,6 +62,13 @@ class SpectrumLimits:
     span: int = 64
     """Samples over which the power without the line is taken; chosen."""
 
+    spans: int = 15
+    """Spans of the sweep, which overlap by half, in which the samples are averaged; chosen."""
+
+    kept_out: float = 3.0
+    """Periods of a line in the sweep over the number of spans [1], from which on their Blackman-Harris windows keep it
+    out; chosen: their main lobe ends at 2."""
+
     burst: float = 2.2
     """Power over its median that no span of steady noise reaches [1]; derived: the mean power of 64 real samples of
     white noise exceeds it with a chance of 1e-7 (chi-squared)."""

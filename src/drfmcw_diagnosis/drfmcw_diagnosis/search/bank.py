@@ -36,7 +36,7 @@ class Candidate:
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that are fitted."""
-        return tuple(self.values) if self.recipe.per_group else tuple(self.recipe.prior)
+        return tuple(self.values if self.recipe.per_group or self.recipe.coefficients else self.recipe.prior)
 
     @property
     def kind(self) -> type[Effect]:
@@ -97,7 +97,7 @@ def candidates(
         without: effects that are left out.
     """
     for effect, recipe in recipes(without):
-        if recipe.scan or (recipe.per_group and len(groups) < 2):
+        if recipe.scan or recipe.coefficients or (recipe.per_group and len(groups) < 2):
             continue
         for station in at_stations(effect, recipe, stations):
             own = [c for c in calibrated if station in ('', c.station)]
@@ -110,6 +110,19 @@ def candidates(
                 if recipe.per_group:
                     start = {f'{recipe.size}[{g}]': start[recipe.size] for g in groups}
                 yield Candidate(effect, station, recipe, start)
+
+
+def of_coefficients(stations: tuple[str, ...], without: Collection[str] = ()) -> Iterator[Candidate]:
+    """Yield effects that may take the place of several others, without effect where their fit begins.
+
+    Args:
+        stations: names.
+        without: effects that are left out.
+    """
+    for effect, recipe in recipes(without):
+        for station, count in itertools.product(at_stations(effect, recipe, stations), recipe.coefficients):
+            values = {f'{name}[{i}]': value for name, value in recipe.start.items() for i in range(count)}
+            yield Candidate(effect, station, recipe, values)
 
 
 def at_stations(effect: str, recipe: Recipe, stations: tuple[str, ...]) -> list[str]:

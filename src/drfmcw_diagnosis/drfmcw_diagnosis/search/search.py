@@ -12,7 +12,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_ros.work.processes import Workers
 
 from ..compare.comparison import Comparison
-from .bank import Candidate, at_stations, candidates, recipes
+from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom
 from .limits import SEARCH
 from .scanners import resolution, starting_points
@@ -286,9 +286,9 @@ class Search(Fitting):
         apart = apart if freedom is None else freedom.left(apart)
         return None if float(apart @ apart) < SEARCH.returned * goal else alone
 
-    def _without(self, fitted: Fitted, number: int) -> Fitted:
-        """Return an explanation without one of its effects, the others as they are; misfit and evidence stay."""
-        kept = tuple(e for i, e in enumerate(fitted.effects) if i != number)
+    def _without(self, fitted: Fitted, *numbers: int) -> Fitted:
+        """Return an explanation without some of its effects, the others as they are; misfit and evidence stay."""
+        kept = tuple(e for i, e in enumerate(fitted.effects) if i not in numbers)
         template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
         return dataclasses.replace(fitted, effects=kept, template=template)
 
@@ -411,6 +411,40 @@ class Search(Fitting):
                 if known is None or other.misfit < known.misfit:
                     found[other.keys, other.free] = other
         return sorted([*found.values(), *elsewhere], key=lambda f: -f.evidence)
+
+    def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
+        """Return explanations with one effect of many coefficients for all that shape a chirp, best first.
+
+        Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects.
+
+        Args:
+            fitted: explanation.
+            fewest: effects that shape a chirp, of one station or of both, and are worth it.
+        """
+        shaping = [i for i, e in enumerate(fitted.effects) if e.candidate.kind.shapes_chirp]
+        tried: dict[tuple, list[Candidate]] = {}
+        for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
+            own = [i for i in shaping if fitted.effects[i].key[1] == candidate.station]
+            for replaced in {tuple(own), tuple(shaping)}:
+                if len(replaced) >= fewest:
+                    tried.setdefault((*candidate.key, replaced), []).append(candidate)
+
+        def gains_as_much(item: tuple[tuple, list[Candidate]]) -> bool:
+            (_, _, replaced), several = item
+            rest = self._without(fitted, *replaced)
+            most = max(several, key=lambda c: len(c.values))
+            point = most, most.values
+            alone = self.fit([point], SEARCH.first_steps, rest.template, self.freedom(rest))
+            return alone.misfit - fitted.misfit < SEARCH.far * SEARCH.rival
+
+        gains = self._workers.map(gains_as_much, list(tried.items()))
+        chosen = [item for item, enough in zip(tried.items(), gains, strict=True) if enough]
+        starts = [
+            [*self._without(fitted, *replaced).start, (candidate, candidate.values)]
+            for (_, _, replaced), several in chosen
+            for candidate in several
+        ]
+        return sorted(self.fits(starts), key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""

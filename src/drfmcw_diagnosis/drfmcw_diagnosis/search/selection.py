@@ -34,6 +34,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
+        current = _unified(search, current, false_alarm_rate)
         if len(current.effects) == SELECTION.most and leftovers(search, current)[0].probability < false_alarm_rate:
             break  # one exchange more or less makes no explanation of it
         search.report('rivals', 0.9)
@@ -49,6 +50,20 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         current = pruned(search, current, false_alarm_rate)
         rounds += more
     return Found(current, significance, rounds, exchanged)
+
+
+def _unified(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted:
+    """Return an explanation in which one effect takes the place of all that shape a chirp, where it explains the rest.
+
+    A ramp whose rate changes over the band resembles several small errors of a straight one.
+    """
+    bent = any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
+    for other in search.unified(current, 1 if bent else 2):
+        if other.evidence < current.evidence + SELECTION.better:
+            break
+        if leftovers(search, other)[0].probability >= false_alarm_rate:
+            return other
+    return current
 
 
 def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm_rate: float) -> Fitted | None:

@@ -8,7 +8,7 @@ import functools
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -60,11 +60,17 @@ class RecorderNode(Node):
         self._counts: collections.Counter[str] = collections.Counter()
         self._known: set[str] = set()
         self._ignored: set[str] = set()
-        self._end = time.monotonic() + settings.duration
+        self._end = math.inf
         self._diagnostics = Diagnostics(self, 'recorder')
         self._diagnostics.add('Recording', self._diagnose)
         self._look()
+        self._end = time.monotonic() + settings.duration  # from when it records: its end completes the recording
         self._timer = self.create_timer(_LOOK_PERIOD, self._look)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Messages that have arrived so far, by topic."""
+        return self._counts
 
     def _look(self) -> None:
         if time.monotonic() >= self._end:

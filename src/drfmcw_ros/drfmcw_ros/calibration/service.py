@@ -1,18 +1,82 @@
-"""The service by which a host stores a calibration on a station."""
+"""The service by which a host stores a calibration on a station: the station's side and the host's."""
 
+import os
+import time
 from collections.abc import Callable
 
+import rclpy
 from drfmcw_msgs.srv import StoreCalibration
+from rclpy.context import Context
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
 
+from ..operation.security import refuse_pretence
+from ..runner import RCLError
 from .document import Document, parse_document
 from .store import CalibrationStore
 
 _LONGEST = 1 << 16  # of a document [letters]
 _LONGEST_OPERATOR = 100
+
+
+def store_on_station(station: str, document: str, operator: str, limit: float) -> int:
+    """Store a document on a running station; return the version that it has there.
+
+    Args:
+        station: name of the station.
+        document: YAML.
+        operator: who stores it.
+        limit: for the answer [s].
+
+    Raises:
+        ConfigurationError: the station refuses the document, or does not answer within `limit`.
+    """
+    refuse_pretence(os.environ)
+    context = Context()
+    try:
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        node = Node('calibration_client', context=context)
+        try:
+            return _call(node, station, StoreCalibration.Request(document=document, operator_name=operator), limit)
+        finally:
+            node.destroy_node()
+    except NameValidationException:
+        raise ConfigurationError(f"'{printable_line(station)}' is no name of a station") from None
+    except RCLError as error:  # ROS_DOMAIN_ID
+        raise ConfigurationError(str(error).partition(', at /')[0]) from None
+    finally:
+        context.try_shutdown()
+
+
+def _call(node: Node, station: str, request: StoreCalibration.Request, limit: float) -> int:
+    end = time.monotonic() + limit
+    name = f'/{station}/store_calibration'
+    client = node.create_client(StoreCalibration, name)
+    if not client.wait_for_service(limit):
+        raise ConfigurationError(
+            f"nobody offers {name} within {limit:g} s: is station '{station}' running, with a source "
+            'of its own (tcp, udp), in this ROS domain?'
+        )
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        answer = client.call_async(request)
+        executor.spin_until_future_complete(answer, max(0.0, end - time.monotonic()))
+    finally:
+        executor.shutdown()
+    response = answer.result() if answer.done() else None
+    if response is None:
+        raise ConfigurationError(
+            f"'{station}' does not answer within {limit:g} s; whether it has stored the document is not known"
+        )
+    if not response.accepted:
+        raise ConfigurationError(f"'{station}' refuses the {printable_line(response.reason)}")
+    return int(response.version)
 
 
 class CalibrationService:

@@ -9,6 +9,7 @@ from drfmcw_physics.settings import parameter
 
 from ..measurements import Measurements, Station
 from .base import Effect
+from .recipe import Recipe, geometric
 from .traits import ActsOn, Of
 
 
@@ -19,6 +20,16 @@ class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
     acts_on = ActsOn.SAMPLES
     formula = 'x → x + s 10^(level / 20) exp(−t / time_constant), s full scale'
     example = {'level': -30.0, 'time_constant': 1e-4}
+    recipes = (
+        Recipe(
+            'level',
+            start={'level': -80.0},
+            prior={'level': 20.0, 'time_constant': 1e-3},
+            grid={'time_constant': geometric(2e-5, 2e-3, 7)},
+            decibel=True,
+            steps={'level': 0.05},
+        ),
+    )
 
     level: float = parameter(
         unit='dBFS', bounds=(-200.0, 40.0), description="amplitude at the sweep's start; full scale is 0 dBFS"

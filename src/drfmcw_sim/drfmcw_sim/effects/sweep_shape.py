@@ -11,6 +11,7 @@ from drfmcw_physics.settings import ConfigurationError, parameter
 from ..measurements import Station
 from .base import Effect
 from .clocks import own_time
+from .recipe import Recipe
 from .traits import ActsOn, Of
 
 _DEGREE = 3
@@ -29,6 +30,15 @@ class SweepShape(Effect, name='sweep_shape', of=Of.STATION):
     formula = "f'(t) = k r(x), r(x) = Σ relative_rate[i] Bᵢ(x) / mean, x = (f_nominal(t) − f₀) / B = t / T"
     example = {'relative_rate': [1.00002, 1.0, 0.99999, 1.0, 1.00001]}
     shapes_chirp = True
+    recipes = (
+        Recipe(
+            '',
+            start={'relative_rate': 1.0},
+            prior={'relative_rate': 1e-3},
+            steps={'relative_rate': 1e-6},
+            coefficients=(5, 8, 12),
+        ),
+    )
 
     relative_rate: list[float] = parameter(bounds=(0.01, 100.0), description='coefficients of the spline, 4 or more')
 

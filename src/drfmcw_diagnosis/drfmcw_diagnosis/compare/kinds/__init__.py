@@ -9,13 +9,14 @@ from .kind import Kind
 from .noise import BURST, COHERENCE, NOISE
 from .path import AMPLITUDE, BEAT, MOVEMENT, RANGE, VELOCITY
 from .ramp import FLUTTER, RAMP
-from .spectrum import LINES, MEAN
+from .spectrum import BASELINE, LINES, MEAN
 
 KINDS: list[Kind] = [
     RAMP,
     FLUTTER,
     LINES,
     MEAN,
+    BASELINE,
     HARMONIC,
     PILED,
     BURST,

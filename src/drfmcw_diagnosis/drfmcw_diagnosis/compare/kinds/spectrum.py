@@ -1,4 +1,4 @@
-"""The spectrum beside the stations' own lines: further narrow lines, and the mean of the samples."""
+"""The spectrum beside the stations' own lines: further narrow lines, and the mean of the samples over the sweep."""
 
 import dataclasses
 
@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from ...features.extractor import gaussian
+from ...features.limits import SPECTRUM
 from ..limits import MODEL, SCATTER, SIMULATION
 from ..measuring import Evidence, variance_factor
 from ..predicting import Expected
@@ -66,14 +67,7 @@ class Mean(Kind):
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean over each group."""
-        if evidence.recorded.scatters:
-            variance = np.stack(
-                [s.mean.var(axis=0, ddof=1) * variance_factor(len(s.mean) - 1) for s in evidence.recorded.sweeps]
-            )
-        else:
-            variance = np.stack([mean for _, mean in evidence.white])
-        roots = evidence.roots[:, None, None]
-        return evidence.mean('mean'), np.maximum(np.sqrt(variance), SCATTER.least_mean) / roots
+        return _averaged(evidence, self.name, 1)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the mean of simulated sweeps."""
@@ -82,6 +76,55 @@ class Mean(Kind):
     def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all squares at 0 Hz."""
         return np.zeros(1), np.array([float(z @ z)])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Baseline(Kind):
+    """Means of the samples in spans of the sweep less the mean of these (G, S, Q V) [LSB]."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group, of stations whose line the spans' windows keep out."""
+        values, std = _averaged(evidence, self.name, 2)
+        recorded = evidence.recorded
+        begin, end = recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
+        turns = np.stack([s.line.mean(axis=0) for s in recorded.sweeps]) * (end - begin)
+        return values, np.where(turns[..., None] > SPECTRUM.kept_out * SPECTRUM.spans, std, np.inf)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return what effects add: lines, which have a random phase in each sweep, leave nothing in the mean."""
+        if expected.plain is expected:
+            return np.zeros(expected.features.baseline.shape)
+        return expected.features.baseline - expected.plain.features.baseline
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the time in the sweep [s]."""
+        squares = np.sum(z.reshape(-1, recorded.topology.parts, SPECTRUM.spans) ** 2, axis=(0, 1))
+        return _middles(recorded), squares
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return the means over the time in the sweep, of I alone [s]."""
+        at = shown.group, shown.row, slice(SPECTRUM.spans)
+        values = (shown.residual[at], shown.std[at], shown.curve[at])
+        return Plotted(_middles(shown.recorded), *values, self.unit, at_distance(shown))
+
+
+def _averaged(evidence: Evidence, feature: str, number: int) -> Measured:
+    """Return means over each group of a feature, and their standard deviations.
+
+    These come from the scatter, or from white noise: `number` is that of the feature in `Evidence.white`.
+    """
+    if evidence.recorded.scatters:
+        each = [getattr(s, feature) for s in evidence.recorded.sweeps]
+        variance = np.stack([x.var(axis=0, ddof=1) * variance_factor(len(x) - 1) for x in each])
+    else:
+        variance = np.stack([white[number] for white in evidence.white])
+    return evidence.mean(feature), np.maximum(np.sqrt(variance), SCATTER.least_mean) / evidence.roots[:, None, None]
+
+
+def _middles(recorded: RecordedSweeps) -> np.ndarray:
+    """Return the middle of each span of the first station's sweep (V,) [s]."""
+    begin, end = recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
+    return begin + (end - begin) * np.arange(1, SPECTRUM.spans + 1) / (SPECTRUM.spans + 1)
 
 
 def _frequencies(recorded: RecordedSweeps, bins: int) -> np.ndarray:
@@ -105,6 +148,16 @@ MEAN = Mean(
     level='if_spectrum',
     axis='if_frequency',
     label='mean of the samples',
+    unit='LSB',
+    averages=True,
+    scatter_freedom=1,
+)
+BASELINE = Baseline(
+    name='baseline',
+    of_converter=True,
+    level='if_samples',
+    axis='ramp_time',
+    label='mean of the samples over the ramp',
     unit='LSB',
     averages=True,
     scatter_freedom=1,
