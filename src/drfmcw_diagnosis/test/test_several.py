@@ -15,6 +15,7 @@ from drfmcw_diagnosis.several.elsewhere import answered, questions
 from drfmcw_diagnosis.several.joint import Elsewhere, combined, joined, of_hardware, settled
 from drfmcw_diagnosis.several.report import as_object, render_html, short_names
 from drfmcw_diagnosis.several.running import Outcome, Place, each
+from drfmcw_ros.bag.files import SKIP_DAMAGED
 from drfmcw_sim.effects import Effect
 
 STANDING = {'standing': {'distances': [150.0, 220.0, 300.0], 'sweeps': 8}}
@@ -119,6 +120,20 @@ def test_a_process_that_dies_does_not_cost_the_others(jobs):
     notes, done = [], []
     assert each(killed, [1, 2, 3, 4], Place(jobs), done.append, notes.append) == [1, None, 9, 16]
     assert len(notes) == 1 and 'SIGKILL' in notes[0] and done[-1] == 3
+
+
+def skips(_):
+    return SKIP_DAMAGED.get()
+
+
+@pytest.mark.parametrize('skip', [True, False])
+def test_workers_skip_damage_where_the_command_line_says_so(skip):
+    """A new process begins with the default."""
+    before = SKIP_DAMAGED.set(skip)
+    try:
+        assert each(skips, [1], Place(1), lambda _: None, print) == [skip]
+    finally:
+        SKIP_DAMAGED.reset(before)
 
 
 def test_no_scheduler_is_one_line(tmp_path, capsys):

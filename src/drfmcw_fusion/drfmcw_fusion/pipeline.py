@@ -282,6 +282,9 @@ class RangeFusion:
         range_std = path.std * velocity_of_light
         flags = self._flags(first, second, stamp) | (Flag.STALE_ENVIRONMENT if stale_environment else Flag.VALID)
         rate = doppler_range_rate(path, first.sweep.chirp_rate)
+        correlated_std = 0.0
+        if first.calibration.states_uncertainty and second.calibration.states_uncertainty:
+            correlated_std = contributions(first, second, path, weather, self.settings.atmosphere).total
         monitor = self._monitor(first, second)
         verdict = monitor.judge_sweep(first, second, path, standing_range, self._unlocked(first, second, stamp))
         judged = self._motion(
@@ -299,6 +302,7 @@ class RangeFusion:
                 (first.sweep.mode, first.sweep.start_delay),
                 verdict.std,
                 SPEED_OF_LIGHT / (2.0 * abs(first.sweep.bandwidth)),
+                correlated_std,
             ),
         )
         motion, verdict = judged.motion, verdict & judged.verdict
@@ -312,10 +316,7 @@ class RangeFusion:
             range_std = math.hypot(range_std, rate * motion.velocity_std)
         if verdict.std > 0.0:
             range_std = math.hypot(range_std, verdict.std)
-        correlated_std = 0.0
-        if first.calibration.states_uncertainty and second.calibration.states_uncertainty:
-            correlated_std = contributions(first, second, path, weather, self.settings.atmosphere).total
-            range_std = math.hypot(range_std, correlated_std)
+        range_std = math.hypot(range_std, correlated_std)
         uncorrected = path.uncorrected * SPEED_OF_LIGHT
         alpha_correction = (path.delay - path.uncorrected) * SPEED_OF_LIGHT
         delay_correction = -hardware_delay * SPEED_OF_LIGHT

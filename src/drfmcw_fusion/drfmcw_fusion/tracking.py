@@ -24,6 +24,7 @@ _FIT_LENGTH = 5  # sweeps over which the velocity is fitted to the phases
 _FIT_DURATION = 0.8  # and for how long at most [s]
 _RANGE_FIT_DURATION = 5.0  # for how long at most it is fitted to the ranges, where the phases cannot be followed [s]
 _RANGE_FIT_MINIMUM = 6  # sweeps that takes
+_RANGE_FIT_LAG = 0.4  # largest error of a parabola's slope at its end, in acceleration times duration (computed)
 _LARGEST_PHASE_STEP = 0.4  # of a half wavelength: an acceleration that moves more between two sweeps cannot be followed
 _LONGEST_PAUSE = 1.0  # after which the crane counts as standing again until shown otherwise [s]
 _SHORTEST_COMPARISON = 3  # sweeps; fewer cannot distinguish a drift from an outlier
@@ -85,6 +86,8 @@ class VelocityTracker:
         self._stamp = 0
         self._confirmed = False
         self._fitted_to_ranges = False
+        self.coasted = 0.0
+        """How long ago the velocity was measured, as of the last sweep: since then it was taken to go on [s]."""
 
     def restart(self) -> None:
         """Begin a new track of phases (the settings changed); ranges and velocity go on."""
@@ -131,7 +134,7 @@ class VelocityTracker:
         """
         half_wave = SPEED_OF_LIGHT / refractive_index / path.center_frequency / 2.0
         pause = (stamp - self._stamp) * 1e-9
-        if not 0.0 < pause <= _RANGE_FIT_DURATION:
+        if not 0.0 < pause <= _LONGEST_PAUSE:
             self._recent.clear()
             self._track.clear()
         motion = self.coast(stamp)
@@ -150,11 +153,14 @@ class VelocityTracker:
         self._recent.append(point)
         self._phase = path.carrier_phase
         self._stamp = stamp
+        self.coasted += pause
         if len(self._track) > 1:
             self._correct_ambiguity(half_wave)
             motion = self._fit_phases()
+            self.coasted = 0.0
         elif math.isnan(motion.velocity) or self._fitted_to_ranges:
             motion = self._fit_ranges()
+            self.coasted = 0.0
         self._fitted_to_ranges = len(self._track) == 1
         if abs(motion.velocity) > self._maximum_velocity:
             self._begin_anew(point)
@@ -221,13 +227,31 @@ class VelocityTracker:
         return Motion(velocity, std, self._confirmed)
 
     def _fit_ranges(self) -> Motion:
-        """Return the velocity at the newest sweep from its ranges, where there are enough of them."""
+        """Return the velocity at the newest sweep from its ranges, where there are enough of them.
+
+        Over few ranges noise prevails, over many what the acceleration has changed meanwhile.
+        """
         newest = self._recent[-1]
         recent = [p for p in self._recent if (newest.stamp - p.stamp) * 1e-9 <= _RANGE_FIT_DURATION]
         if len(recent) < _RANGE_FIT_MINIMUM:
             return UNKNOWN
         times = [(p.stamp - newest.stamp) * 1e-9 for p in recent]
-        return Motion(*_slope_at_end(times, [p.range - newest.range for p in recent], with_curvature=True))
+        enough = (
+            n
+            for n in range(_RANGE_FIT_MINIMUM, len(times))
+            if newest.std * math.sqrt(192.0 / n) <= self._lag(times[-n]) * -times[-n]
+        )
+        count = next(enough, len(times))
+        recent, times = recent[-count:], times[-count:]
+        velocity, std = _slope_at_end(times, [p.range - newest.range for p in recent], with_curvature=True)
+        return Motion(velocity, math.hypot(std, self._lag(times[0])))
+
+    def _lag(self, begin: float) -> float:
+        """Return the standard deviation of a parabola's slope at its end by changes of the acceleration [m/s].
+
+        Its largest error is `_RANGE_FIT_LAG` times acceleration and duration; every smaller one is as likely.
+        """
+        return _RANGE_FIT_LAG * self._maximum_acceleration * -begin / math.sqrt(3.0)
 
 
 def _slope_at_end(times: Sequence[float], values: Sequence[float], with_curvature: bool) -> tuple[float, float]:

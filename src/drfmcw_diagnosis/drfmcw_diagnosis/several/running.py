@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.bag.files import SKIP_DAMAGED
 from drfmcw_ros.work.cluster import on_cluster
 from drfmcw_ros.work.processes import WorkFailed, unordered
 
@@ -132,6 +133,7 @@ def each(
         ConfigurationError: the Dask scheduler does not answer.
     """
     found: dict[int, R] = {}
+    function = functools.partial(_reading, function, SKIP_DAMAGED.get())
 
     def take(work: Generator[tuple[int, R], None, None], numbers: Sequence[int]) -> None:
         with contextlib.closing(work):
@@ -155,3 +157,12 @@ def each(
 
 def _in_processes(function: Callable[[A], R], items: Sequence[A], count: int) -> Generator[tuple[int, R], None, None]:
     return unordered(functools.partial(function), items, count)
+
+
+def _reading(function: Callable[[A], R], skip_damaged: bool, item: A) -> R:
+    """Return what `function` makes of an item, with `--skip-damaged` as it is here, which no other process knows."""
+    before = SKIP_DAMAGED.set(skip_damaged)
+    try:
+        return function(item)
+    finally:
+        SKIP_DAMAGED.reset(before)

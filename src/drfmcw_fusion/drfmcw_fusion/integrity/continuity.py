@@ -31,6 +31,9 @@ _LONGEST_PHASE_STEP = 0.2  # [s]
 _PHASE_SHARE = 0.15  # of a range's standard deviation, that a phase may be off its prediction; its own is 0.01
 _MEAN_LENGTH = 16  # ranges after a break of the phases whose mean shows whether it moved them
 _MOST_SUSPECT = 8  # sweeps; among many wrong ones some continue the track by chance, but not so many in a row
+_ANCHOR_LENGTH = 1024  # ranges whose mean is compared with the newest ones, as far as the phases go on
+_DRIFT = 1.0  # standard deviations of a range by which both may differ
+_SCALE_ERROR = 3e-5  # of a displacement by the phases: the references' frequencies, which it takes as nominal
 _LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 
@@ -55,6 +58,7 @@ class Measured:
     setting: tuple[int, float]  # mode and start delay
     doubt: float = 0.0  # what failed tests add to `std`, as a square [m]
     resolution: float = 0.0  # by which two paths must differ for two lines [m]
+    lasting: float = 0.0  # standard deviation of what does not average over sweeps [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +74,11 @@ class Track:
     moved: float  # since then [m]
     slack: float  # by which that may be wrong [m]
     known: bool  # the velocity was confirmed, so that `position` has no Doppler shift in it
+    anchor: float = math.nan  # mean of all ranges, moved on by the phases since [m]
+    anchored: int = 0  # ranges in it
+    carried: float = 0.0  # path since it began [m]
+    loose: float = 0.0  # by which the crane may have moved beyond it [m]
+    drift: float = 0.0  # by which `position` has left it beyond chance [m]
     scatter: tuple[float, ...] = ()  # newest innovations over their standard deviations
 
 
@@ -115,8 +124,7 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     scale = _scale(state.main.scatter)
     continued = _continued(state.other, measured, limits)
     together = _same_phases(state.other, continued, measured, limits)
-    beside = None if together is False else state.other
-    track, motion, innovation, std, slack = _extended(state.main, beside, measured, limits)
+    track, motion, innovation, std, slack = _extended(state.main, state.other, measured, limits)
     lag = _lag(state.main, track, measured, limits)
     gate = GATE * max(scale, 1.0) * std + slack + lag
     if not settings.monitor:
@@ -130,13 +138,18 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         fits, suspect = _phases_continue(state.main, track, measured, limits), max(state.suspect - 1, 0)
     if fits and abs(innovation) <= gate:
         # however it is distributed, an error as large as the innovation stays within its standard deviation
+        if track.drift > 0.0:
+            verdict &= Verdict(Decision.DOUBTFUL, Test.CONTINUITY, track.drift)
         least = (abs(innovation) - slack) / _LARGEST_SHARE
         if least > math.hypot(measured.std, measured.doubt, verdict.std):
             verdict = dataclasses.replace(verdict, std=math.hypot(verdict.std, least))
         # it may as well belong to neither, or fit by chance
         if suspect > 0 or (state.other is not None and slack > _LARGEST_SHARE * std):
             verdict &= refuse(Test.CONTINUITY)
-        return State(track, None, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
+        doubt = state.doubt
+        if _contradicted(state) and abs(innovation) > gate - slack:
+            doubt = math.hypot(doubt, abs(innovation) + slack)
+        return State(track, None, measured.stamp, suspect, doubt), Outcome(motion, verdict, gate, scale)
     other = continued or _branch(state.main, measured)
     verdict &= refuse(Test.CONTINUITY)
     if _takes_over(state.main, other, innovation, measured.resolution, settings):
@@ -148,6 +161,14 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
         main = dataclasses.replace(main, scatter=track.scatter)
     suspect = min(state.suspect + 1, _MOST_SUSPECT)
     return State(main, other, measured.stamp, suspect, state.doubt), Outcome(motion, verdict, gate, scale)
+
+
+def _contradicted(state: State) -> bool:
+    """Return whether so many ranges did not continue the main track that one which fits may be one of them.
+
+    Meanwhile the crane may have moved by metres, and what contradicted the track is within reach of it.
+    """
+    return state.suspect >= _SUPPORT or (state.other is not None and state.other.count >= _SUPPORT)
 
 
 def _phases_continue(before: Track, after: Track, measured: Measured, limits: Limits) -> bool:
@@ -168,6 +189,7 @@ def _same_phases(before: Track | None, after: Track | None, measured: Measured, 
     if step > _LONGEST_PHASE_STEP or not math.isfinite(displacement - velocity):
         return None  # ranges alone must do
     most = _PHASE_ACCELERATION * limits.acceleration * step**2 + _PHASE_SHARE * measured.std
+    most += limits.acceleration * before.tracker.coasted * step
     return abs(displacement - velocity * step) <= most
 
 
@@ -209,7 +231,7 @@ def _doubt_after(state: State, innovation: float, slack: float, resolution: floa
         return state.doubt
     if innovation < -resolution:
         return state.doubt if state.doubt < resolution else 0.0  # a longer path that was followed has ended
-    return math.hypot(state.doubt, abs(innovation) + slack)
+    return math.hypot(state.doubt, abs(innovation) + slack + state.main.drift)
 
 
 def _continued(track: Track | None, measured: Measured, limits: Limits) -> Track | None:
@@ -297,7 +319,44 @@ def _extended(
     lag = _lag(track, extended, measured, limits)
     beyond = min(max(abs(innovation) - slack - lag, 0.0) / std, _LARGEST_Z)
     extended = dataclasses.replace(extended, scatter=(*track.scatter, beyond)[-_SCATTER_LENGTH:])
+    own = math.hypot(own, measured.lasting)
+    extended = _anchored(track, extended, (displacement, slack), (predicted + innovation, own), lag)
     return extended, motion, innovation, std, slack
+
+
+def _anchored(
+    before: Track, after: Track, moved: tuple[float, float], newest: tuple[float, float], lag: float
+) -> Track:
+    """Return a track with its anchor moved on, and by how much the filtered range has left it.
+
+    A second line that rises slowly within the resolution pulls the range away, sweep by sweep by less than its noise.
+    The phase moves by millimetres at most meanwhile. The mean stays as it was while the ranges are away from it.
+    It goes on where the mode changes, so that both modes must agree on one distance.
+
+    Args:
+        before: the track.
+        after: the same with one sweep more.
+        moved: displacement since, by the phases or coasted, and its slack [m].
+        newest: range of the sweep, and its standard deviation [m].
+        lag: of its velocity, as `_lag` [m].
+    """
+    (displacement, slack), (distance, std) = moved, newest
+    anchor, carried, loose = before.anchor + displacement, before.carried + abs(displacement), before.loose + slack
+    count = min(before.anchored + 1, _ANCHOR_LENGTH)
+    difference, error = after.position - anchor, abs(distance - anchor)
+    systematic = lag + _SCALE_ERROR * carried + loose
+    allowed = _DRIFT * std + GATE * math.sqrt(after.variance + std**2 / count) + systematic
+    left = abs(difference) > allowed or error > GATE * std * math.sqrt(1.0 + 1.0 / count) + systematic
+    if before.anchored >= _SCATTER_MINIMUM and left:
+        drift = max(abs(difference), error) + loose
+        return dataclasses.replace(
+            after, anchor=anchor, anchored=before.anchored, carried=carried, loose=loose, drift=drift
+        )
+    if loose > std or not before.anchored:  # the phases broke for so long that the crane may have moved
+        return dataclasses.replace(after, anchor=after.position, anchored=1)
+    anchor += difference / count
+    kept = 1.0 - 1.0 / count
+    return dataclasses.replace(after, anchor=anchor, anchored=count, carried=kept * carried, loose=kept * loose)
 
 
 def _beside(

@@ -16,7 +16,7 @@ INTEGRITY_RISK = 1e-5
 """Probability that a range that passed is off by more than its protection level."""
 
 _MISSED = 4.26  # standard deviations of a one-sided probability of INTEGRITY_RISK
-_REMEMBERED = 64  # results of a station among which a repeated one is looked for
+_REMEMBERED = 8192  # results of a station among which a repeated one is looked for: a ring of buffers read again
 _ORDERED = 32  # sweeps back in which a late one is put in order
 _STABLE = 10  # sweeps that a step of T_off must last to count as one of the references
 _SHORTEST_STEP = 0.5  # of the usual interval: stamps of partners that differ by more belong to two sweeps
@@ -49,7 +49,7 @@ class PairMonitor:
         self._limits, self._settings = limits, settings
         self._state: State | None = None
         self._ordered: collections.deque[tuple[Measured, State | None]] = collections.deque(maxlen=_ORDERED)
-        self._known: dict[str, collections.deque[tuple[float, ...]]] = {}
+        self._known: dict[str, dict[tuple[float, ...], None]] = {}  # in order
         self._early = (0, 0, 0)  # newest sweeps, where they are of long ago: first and last stamp, and how many
         self._stamps: collections.deque[int] = collections.deque(maxlen=_INTERVALS)
         self._excess, self._excess_stamp = math.nan, 0
@@ -104,9 +104,11 @@ class PairMonitor:
         """Return whether a station has given the very same numbers before: one buffer, read twice."""
         beat = station.beat
         numbers = (beat.frequency, beat.phase, beat.power, beat.snr)
-        known = self._known.setdefault(station.sweep.station, collections.deque(maxlen=_REMEMBERED))
-        repeated = numbers in known
-        known.append(numbers)
+        known = self._known.setdefault(station.sweep.station, {})
+        repeated = known.pop(numbers, 0) is None
+        known[numbers] = None
+        if len(known) > _REMEMBERED:
+            del known[next(iter(known))]
         return repeated
 
     def _stamps_agree(self, first: Station, second: Station) -> bool:

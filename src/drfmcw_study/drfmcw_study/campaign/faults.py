@@ -5,7 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.signal import hilbert
 
+from drfmcw_physics.constants import SPEED_OF_LIGHT
+
+_CHIRP_RATE, _SAMPLE_RATE = 150e6 / 1e-3, 2.048e6  # of the campaign's scenario [Hz/s, Hz]
 Samples = tuple[np.ndarray, np.ndarray]
 
 
@@ -62,6 +66,36 @@ def _dropped(count: int) -> Callable[[Samples, np.random.Generator], Samples]:
             row[at : len(row) - count] = row[at + count :].copy()
             row[len(row) - count :] = 0
         return changed, samples[1]
+
+    return apply
+
+
+def _inserted(count: int) -> Callable[[Samples, np.random.Generator], Samples]:
+    """Repeat `count` samples in the middle of station 1's sweep; its end is lost."""
+
+    def apply(samples: Samples, _: np.random.Generator) -> Samples:
+        changed = samples[0].copy()
+        middle = changed.shape[1] // 2
+        changed[:, middle + count :] = samples[0][:, middle : changed.shape[1] - count]
+        return changed, samples[1]
+
+    return apply
+
+
+def _rising_echo(excess: float, level: float) -> Callable[[Samples, np.random.Generator], Samples]:
+    """Add an echo whose path is longer by `excess` [m], and which rises from -50 dB to `level` [dB], in dB linearly.
+
+    The lines of both stations move apart by k times its delay, at the sweep of Table 1.
+    """
+
+    def apply(samples: Samples, _: np.random.Generator) -> Samples:
+        shift = _CHIRP_RATE * excess / SPEED_OF_LIGHT * np.arange(samples[0].shape[1]) / _SAMPLE_RATE
+        weight = 10.0 ** (np.linspace(-50.0, level, len(samples[0])) / 20.0)[:, None]
+        changed = []
+        for own, sign in zip(samples, (1.0, -1.0), strict=True):
+            echo = np.real(hilbert(own, axis=1) * np.exp(2j * np.pi * sign * shift))
+            changed.append(np.rint(np.clip(own + weight * echo, -32768, 32767)).astype(np.int16))
+        return changed[0], changed[1]
 
     return apply
 
@@ -125,9 +159,13 @@ def faults() -> list[Fault]:
         Fault('repeated buffer', 'both stations', samples=_both_repeated),
         Fault('samples dropped', '1', samples=_dropped(1)),
         Fault('samples dropped', '64', samples=_dropped(64)),
+        Fault('samples inserted', '16', samples=_inserted(16)),
         Fault('samples shifted', '8', samples=_shifted(8)),
         Fault('samples shifted', '-8', samples=_shifted(-8)),
         Fault('samples spliced', 'two sweeps', samples=_spliced),
+        Fault('rising echo', '0.6 m longer, to -10 dB', samples=_rising_echo(0.6, -10.0)),
+        Fault('rising echo', '0.6 m longer, to 6 dB', samples=_rising_echo(0.6, 6.0)),
+        Fault('rising echo', '2 m longer, to 6 dB', samples=_rising_echo(2.0, 6.0)),
         Fault('direct path blocked', 'echo 10 m longer', farther=10.0),
         Fault('wrong mode', 'LD said, SD done', said_mode=1),
         Fault('weather units', 'humidity 75', weather=('/site/humidity', 75.0)),
