@@ -17,6 +17,7 @@ SYSTEM_EXTRAS = {
     "numpy": "numpy", "scipy": "scipy", "matplotlib": "matplotlib", "yaml": "pyyaml", "rich": "rich",
     "rosbags": "rosbags", "soundfile": "soundfile", "dask": "dask", "distributed": "distributed",
     "nicegui": "nicegui", "argon2": "argon2-cffi", "asyncua": "asyncua", "pymodbus": "pymodbus",
+    "foxglove": "foxglove-sdk",
     "pyvisa": "pyvisa", "pyvisa_py": "pyvisa-py", "pytest": "pytest", "pytest_timeout": "pytest-timeout",
     "xdist": "pytest-xdist", "hypothesis": "hypothesis", "playwright": "playwright",
 }  # fmt: skip

@@ -41,6 +41,7 @@ NO_KEY = {
     'argon2',
     'asyncua',
     'distributed',
+    'foxglove',
     'itsdangerous',
     'nicegui',
     'playwright',

@@ -16,7 +16,7 @@ from setup import wheels
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON = os.path.realpath(sys.executable)
 SUBCOMMANDS = (
-    "demo test run station fusion gateway doctor frames simulate record replay info repair import export view "
+    "demo test run station fusion gateway foxglove doctor frames simulate record replay info repair import export view "
     "bench keystore montecarlo campaign survey soak reproduce pair diagnose prove calibrate host watch"
 ).split()
 

@@ -17,10 +17,11 @@ setup(
     zip_safe=True,
     maintainer='drfmcw maintainers',
     maintainer_email='drfmcw@example.com',
-    description='Ranges for crane controllers: OPC UA, Modbus TCP and an example subscriber',
+    description='Ranges for crane controllers (OPC UA, Modbus TCP, an example subscriber), and the graph for Foxglove',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'foxglove_bridge = drfmcw_gateway.foxglove_bridge:main',
             'follow_range = drfmcw_gateway.follow_range:main',
             'gateway = drfmcw_gateway.gateway:main',
         ],

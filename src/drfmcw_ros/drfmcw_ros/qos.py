@@ -1,7 +1,7 @@
 """QoS profiles of the contract, and publishers and subscriptions that use them and can be overridden by parameters."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 RELIABLE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -58,6 +59,7 @@ SENSOR = QoSProfile(
 """A subscriber that every publisher suits, as REP 2003 has it for sensors; what the network loses is not sent again."""
 
 _SWITCH = 'declare_qos_overrides'
+_HELD = 1000  # messages of latched topics, one of each publisher or several
 
 
 def range_profile(deadline: float = RANGE_DEADLINE, lease: float = RANGE_LEASE) -> QoSProfile:
@@ -101,6 +103,21 @@ def latched_subscription(depth: int) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
+
+
+def suiting(publishers: Sequence[TopicEndpointInfo], latched: bool) -> QoSProfile:
+    """Return the profile with which everything that some publishers send arrives, as for a recorder.
+
+    What was published before, and still holds, arrives too: settings, weather.
+
+    Args:
+        publishers: of one topic, as the graph shows them.
+        latched: the contract has the topic latched.
+    """
+    if any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in publishers):
+        return SENSOR  # a foreign sensor's; a reliable subscription would get nothing
+    held = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+    return latched_subscription(_HELD) if held or latched else DEEP
 
 
 def publisher(

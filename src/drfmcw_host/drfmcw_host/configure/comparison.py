@@ -69,17 +69,18 @@ def side_by_side(before: Document, after: Document) -> list[Value]:
     """Return the values that either document states, in the order of the format."""
     old, new = dict(_values(before)), dict(_values(after))
     pairs = ((name, old.get(name), new.get(name)) for name in dict.fromkeys([*old, *new]))
-    return [Value(*name, one, other) for name, one, other in pairs if not one == other == None]  # noqa: E711
+    return [Value(*name, one, other) for name, one, other in pairs if (one, other) != (None, None)]
 
 
 def _values(document: Document) -> Iterator[tuple[tuple[str, str, str], Shown]]:
     for field in dataclasses.fields(document):
         content = getattr(document, field.name)
         if dataclasses.is_dataclass(content):
-            for key, (_, declared) in declared_parameters(type(content)).items():
+            kind: Any = type(content)
+            for key, (_, declared) in declared_parameters(kind).items():
                 stated = getattr(content, key)
                 unit, value = _shown(field.name, key, declared.unit, stated)
-                unknown = key not in _ALWAYS and stated == getattr(type(content)(), key)
+                unknown = key not in _ALWAYS and stated == getattr(kind(), key)
                 yield (field.name, key, unit), None if unknown else value
         elif field.name in ('instrument', 'note'):
             yield ('', field.name, ''), content or None

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from drfmcw_physics.settings import ConfigurationError
 
@@ -88,11 +87,7 @@ class RecorderNode(Node):
             self._known.add(topic)
             self._writer.add_topic(topic, kind)
             write = functools.partial(self._write, topic, kind)
-            # what was published before the recording began, and still holds, belongs to it: settings, weather
-            latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
-            profile = qos.latched_subscription(1000) if latched or is_latched(topic) else qos.DEEP
-            if any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in publishers):
-                profile = qos.SENSOR  # a foreign sensor's; a reliable subscription would get nothing
+            profile = qos.suiting(publishers, is_latched(topic))
             qos.subscription(self, message_class(kind), topic, write, profile, batch=True, raw=True)
             self.get_logger().info(f'recording {topic}')
 
