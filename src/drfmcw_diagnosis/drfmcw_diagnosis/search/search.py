@@ -429,13 +429,22 @@ class Search(Fitting):
                 if len(replaced) >= fewest:
                     tried.setdefault((*candidate.key, replaced), []).append(candidate)
 
+        if not tried:
+            return []
+        slopes = self.slopes(fitted)
+        linearised = self.linearised(fitted, slopes)
+
         def gains_as_much(item: tuple[tuple, list[Candidate]]) -> bool:
             (_, _, replaced), several = item
             rest = self._without(fitted, *replaced)
+            kept = [slopes[own] for i, own in enumerate(fitted.spans) if i not in replaced]
+            freedom = Freedom(self.whitening(np.concatenate(kept))) if kept else None
             most = max(several, key=lambda c: len(c.values))
-            point = most, most.values
-            alone = self.fit([point], SEARCH.first_steps, rest.template, self.freedom(rest))
+            alone = self.fit([(most, most.values)], SEARCH.first_steps, rest.template, freedom)
             return alone.misfit - fitted.misfit < SEARCH.far * SEARCH.rival
+
+        def refined(start: list[tuple[Candidate, dict[str, float]]]) -> Fitted:
+            return self.fit(start, linearised=linearised)
 
         gains = self._workers.map(gains_as_much, list(tried.items()))
         chosen = [item for item, enough in zip(tried.items(), gains, strict=True) if enough]
@@ -444,7 +453,7 @@ class Search(Fitting):
             for (_, _, replaced), several in chosen
             for candidate in several
         ]
-        return sorted(self.fits(starts), key=lambda f: -f.evidence)
+        return sorted(self._workers.map(refined, starts), key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""
