@@ -105,7 +105,8 @@ class PairMonitor:
         beat = station.beat
         numbers = (beat.frequency, beat.phase, beat.power, beat.snr)
         known = self._known.setdefault(station.sweep.station, {})
-        repeated = known.pop(numbers, 0) is None
+        repeated = numbers in known
+        known.pop(numbers, None)  # the newest ones stand last
         known[numbers] = None
         if len(known) > _REMEMBERED:
             del known[next(iter(known))]
