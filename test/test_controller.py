@@ -89,8 +89,8 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
         live.wait(lambda: state() == Quality.STALE, 'silence in Modbus')
         assert math.isnan(block(ports['modbus_port'])[2])
         live.wait(lambda: opcua(ports['opcua_port'], 'range')[1].name == 'BadNoCommunication', 'silence in OPC UA')
-        live.wait(lambda: 'stop: no range within 1 s' in live.log('follower'), 'the follower to stop')
-        live.wait(lambda: "stop: fusion's process is gone" in live.log('follower'), 'the lost publisher')
+        # the time-out or the middleware's lease may end first; the lost publisher is named in any case
+        live.wait(lambda: "stop: fusion's process is gone" in live.log('follower'), 'the follower to stop')
 
         live.graph.start('fusion again', FUSION, '--pair', 'master/slave')
         live.wait(lambda: state() == Quality.VALID, 'valid ranges again')

@@ -150,6 +150,27 @@ class Linearised:
         )
 
 
+def _stated(
+    covariance: np.ndarray, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]
+) -> np.ndarray:
+    """Return the standard deviations of fitted parameters (P,), of coefficients about their mean.
+
+    A factor that coefficients have in common changes nothing and is not determined.
+
+    Args:
+        covariance: of the parameters (P, P).
+        chosen: the effects.
+        names: number of the effect and name of each parameter.
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    for number, candidate in enumerate(chosen):
+        if candidate.recipe.coefficients:
+            own = [k for k, (i, _) in enumerate(names) if i == number]
+            apart = np.eye(len(own)) - 1.0 / len(own)
+            std[own] = np.sqrt(np.maximum(np.diag(apart @ covariance[np.ix_(own, own)] @ apart), 0.0))
+    return std
+
+
 def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
     """Return the effects on which a distortion among `effects` acts, None where there are not both."""
     if not any(e.distorts for e in effects):
@@ -302,13 +323,13 @@ class Fitting:
                 break
         covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        fitted = []
+        fitted, stated = [], _stated(covariance, chosen, names)
         for number, candidate in enumerate(chosen):
             mine = [k for k, (i, _) in enumerate(names) if i == number]
             values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
             curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
             size_std = 1.0 / math.sqrt(max(*curvature, FIT.flat)) if curvature else 0.0
-            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(std[k]) for k in mine}, {}, size_std))
+            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(stated[k]) for k in mine}, {}, size_std))
         occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
         if freedom is None:
             misfit = self.misfit(template)

@@ -130,13 +130,14 @@ class ConfigurationView:
         details = {'node': parameter.node, 'name': parameter.name, 'from': shown(parameter.value), 'to': meant}
         viewer.record(_PARAMETER, **details, taken=taken, reason=reason)
         values = {'node': parameter.node, 'name': parameter.name, 'value': as_number(meant, viewer.language)}
-        if taken:
-            ui.notify(viewer.say('config.taken', **values), type='positive')
-        else:
-            message = viewer.say('config.refused', **values, reason=reason)
-            ui.notify(message, type='negative', timeout=10_000, close_button=True)
-        self._show_log()
-        await self.load()
+        with self._table:  # the row that asked is built anew, before it is said: what is typed then is not lost
+            self._show_log()
+            await self.load()
+            if taken:
+                ui.notify(viewer.say('config.taken', **values), type='positive')
+            else:
+                message = viewer.say('config.refused', **values, reason=reason)
+                ui.notify(message, type='negative', timeout=10_000, close_button=True)
 
     def _show_log(self) -> None:
         say = self._viewer.say
