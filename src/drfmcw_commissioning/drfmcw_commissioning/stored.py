@@ -5,13 +5,12 @@ import dataclasses
 import math
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.settings import ConfigurationError, read_text
 from drfmcw_ros.calibration.document import Document, read_document
 from drfmcw_ros.calibration.service import store_on_station
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
@@ -157,11 +156,5 @@ def _store(arguments: argparse.Namespace) -> None:
 def _push(arguments: argparse.Namespace) -> None:
     if not 0.0 < arguments.timeout <= _LONGEST_WAIT:
         raise ConfigurationError(f'--timeout = {arguments.timeout:g} s is not within 0 ... {_LONGEST_WAIT:g}')
-    try:
-        text = Path(arguments.file).read_text(encoding='utf-8')
-    except OSError as error:
-        raise ConfigurationError(f'{arguments.file}: {error.strerror or error}') from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f'{arguments.file}: is no text') from None
-    version = store_on_station(arguments.station, text, arguments.operator, arguments.timeout)
+    version = store_on_station(arguments.station, read_text(arguments.file), arguments.operator, arguments.timeout)
     print(f'{arguments.station}: accepted, stored there as version {version}')

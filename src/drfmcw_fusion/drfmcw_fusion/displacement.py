@@ -35,9 +35,10 @@ def displacement(
     )
     measured = float(delay_on_true_clocks((first, second), (stated[0], stated[1]), lines))
     hardware = sum(c.delay for c in stated)
-    stations = [_station(s, c, f) for s, c, f in zip((first, second), stated, lines, strict=True)]
+    stations = [with_line(s, c, f) for s, c, f in zip((first, second), stated, lines, strict=True)]
     return (measured - hardware) * light - distance, start_delay_excess(stations[0], stations[1], measured)
 
 
-def _station(sweep: SweepSettings, calibration: Calibration, frequency: float) -> Station:
+def with_line(sweep: SweepSettings, calibration: Calibration, frequency: float) -> Station:
+    """Return a station that has measured nothing but a line of that frequency [Hz]."""
     return Station(Beat(sweep.station, sweep.peer, 0, 0, frequency, 1.0, 0.0, 0.0, 0.0, 0), sweep, calibration)

@@ -1,5 +1,6 @@
 """Foxglove bridge: topics in, unread, to Foxglove and Lichtblick over a WebSocket; nothing comes back."""
 
+import collections
 import dataclasses
 import functools
 import queue
@@ -20,7 +21,7 @@ from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
 from drfmcw_ros.topics import is_latched
 
-from .settings import is_loopback
+from .settings import is_loopback, refuse_half_a_pair
 
 _LOOK_PERIOD = 1.0  # how often new topics are looked for [s]
 _ANSWER_PERIOD = 0.05  # how often clients' wishes are carried out [s]
@@ -39,9 +40,7 @@ class FoxgloveSettings:
 
     def __post_init__(self) -> None:
         """Refuse half a key pair, and unencrypted ranges on a network."""
-        if bool(self.certificate) != bool(self.key):
-            given, lacking = ('certificate', 'key') if self.certificate else ('key', 'certificate')
-            raise ConfigurationError(f'{given} is given without {lacking}')
+        refuse_half_a_pair(self.certificate, self.key)
         if not is_loopback('address', self.address) and not self.certificate:
             raise ConfigurationError(
                 f'address = {self.address} is no loopback address: certificate and key must be given'
@@ -84,8 +83,7 @@ class FoxgloveBridge(Node):
         self._kinds: dict[str, str] = {}
         self._shown: dict[str, set[int]] = {}  # clients of each topic that is subscribed to
         self._followed: dict[str, Any] = {}
-        self._held: dict[str, list[bytes]] = {}  # messages of latched topics, for clients that come later
-        self._unknown: set[str] = set()
+        self._held: dict[str, collections.deque[bytes]] = {}  # messages of latched topics, for clients that come later
         self._wishes = _Wishes()
         self._server = self._started(self._settings.value)
         self.create_timer(_LOOK_PERIOD, self._look)
@@ -119,10 +117,7 @@ class FoxgloveBridge(Node):
     def _look(self) -> None:
         """Offer topics that have appeared."""
         for topic, kinds in self.get_topic_names_and_types():
-            if topic in self._offered or topic in self._unknown:
-                continue
-            if kinds[0] not in typestore().fielddefs:
-                self._unknown.add(topic)
+            if topic in self._offered or kinds[0] not in typestore().fielddefs:
                 continue
             definition, _ = typestore().generate_msgdef(kinds[0], ros_version=2)
             schema = self._library.Schema(name=kinds[0], encoding='ros2msg', data=definition.encode())
@@ -158,7 +153,7 @@ class FoxgloveBridge(Node):
         publishers = self.get_publishers_info_by_topic(topic)
         profile = qos.suiting(publishers, is_latched(topic))
         if profile.durability == qos.LATCHED.durability:
-            self._held[topic] = []
+            self._held[topic] = collections.deque(maxlen=qos.WEATHER.depth)
         pass_on = functools.partial(self._pass_on, topic)
         self._followed[topic] = self.create_subscription(
             message_class(self._kinds[topic]), topic, pass_on, profile, raw=True
@@ -167,7 +162,7 @@ class FoxgloveBridge(Node):
     def _pass_on(self, topic: str, message: bytes) -> None:
         self._offered[topic].log(message)
         if topic in self._held:
-            self._held[topic] = [*self._held[topic], message][-qos.WEATHER.depth :]
+            self._held[topic].append(message)
 
     def _diagnose(self, status: Status) -> None:
         if not self._offered:
@@ -179,9 +174,7 @@ class FoxgloveBridge(Node):
 
     def destroy_node(self) -> None:
         """Close all connections."""
-        server, self._server = getattr(self, '_server', None), None
-        if server is not None:
-            server.stop()
+        self._server.stop()
         super().destroy_node()
 
 
@@ -199,9 +192,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; return the exit status."""
     own, ros = split_ros_arguments(argv)
     arguments = _parser().parse_args(own)
-    return guarded(
-        'drfmcw foxglove', lambda: run(FoxgloveBridge, ros, given=FoxgloveSettings(port=arguments.port))
-    )
+    return guarded('drfmcw foxglove', lambda: run(FoxgloveBridge, ros, given=FoxgloveSettings(port=arguments.port)))
 
 
 if __name__ == '__main__':

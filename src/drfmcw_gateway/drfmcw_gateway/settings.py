@@ -82,9 +82,7 @@ class GatewaySettings:
             raise ConfigurationError('opcua and modbus are both false: nothing to serve')
         if self.lost_time < self.timeout:
             raise ConfigurationError(f'lost_time = {self.lost_time:g} s is below timeout = {self.timeout:g} s')
-        if bool(self.certificate) != bool(self.key):
-            given, lacking = ('certificate', 'key') if self.certificate else ('key', 'certificate')
-            raise ConfigurationError(f'{given} is given without {lacking}')
+        refuse_half_a_pair(self.certificate, self.key)
         if self.clients and not self.certificate:
             raise ConfigurationError('clients is given without certificate and key')
         for name in ('opcua_address', 'modbus_address'):
@@ -106,6 +104,17 @@ class GatewaySettings:
     def period(self) -> float:
         """Return how often silence is looked for [s]: five times within the time-out, 20 times a second at most."""
         return min(0.05, self.timeout / 5.0)
+
+
+def refuse_half_a_pair(certificate: str, key: str) -> None:
+    """Refuse a certificate without its key, or a key without its certificate; '' for none.
+
+    Raises:
+        ConfigurationError: naming what lacks.
+    """
+    if bool(certificate) != bool(key):
+        given, lacking = ('certificate', 'key') if certificate else ('key', 'certificate')
+        raise ConfigurationError(f'{given} is given without {lacking}')
 
 
 def is_loopback(name: str, address: str) -> bool:

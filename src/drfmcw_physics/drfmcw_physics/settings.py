@@ -194,20 +194,27 @@ def from_mapping(cls: type, mapping: Mapping[str, Any] | None, where: str) -> An
         raise ConfigurationError(f'{where}: {error}') from None
 
 
+def read_text(path: Path | str) -> str:
+    """Return the text of a file in UTF-8, without a byte order mark.
+
+    Raises:
+        ConfigurationError: missing or unreadable file, or no text.
+    """
+    try:
+        return Path(path).read_text(encoding='utf-8-sig')
+    except OSError as error:
+        raise ConfigurationError(f'{path}: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise ConfigurationError(f'{path}: not a text file') from None
+
+
 def read_yaml(path: Path | str) -> dict[str, Any]:
     """Read a YAML file that holds one mapping.
 
     Raises:
         ConfigurationError: missing or unreadable file, YAML syntax error (with line), no mapping, key given twice.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding='utf-8')
-    except OSError as error:
-        raise ConfigurationError(f'{path}: {error.strerror}') from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f'{path}: not a text file') from None
-    return parse_yaml(text, str(path))
+    return parse_yaml(read_text(path), str(path))
 
 
 def parse_yaml(text: str, where: str) -> dict[str, Any]:

@@ -111,12 +111,12 @@ def suiting(publishers: Sequence[TopicEndpointInfo], latched: bool) -> QoSProfil
     What was published before, and still holds, arrives too: settings, weather.
 
     Args:
-        publishers: of one topic, as the graph shows them.
+        publishers: of one topic, as the graph shows them; none where only others listen so far.
         latched: the contract has the topic latched.
     """
     if any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in publishers):
         return SENSOR  # a foreign sensor's; a reliable subscription would get nothing
-    held = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+    held = {p.qos_profile.durability for p in publishers} == {DurabilityPolicy.TRANSIENT_LOCAL}
     return latched_subscription(_HELD) if held or latched else DEEP
 
 

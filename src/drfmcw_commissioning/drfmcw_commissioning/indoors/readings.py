@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from drfmcw_physics.settings import ConfigurationError, nearest
+from drfmcw_physics.settings import ConfigurationError, nearest, read_text
 
 CLOCKS = ('reference', 'adc')
 _COLUMNS = ('clock', 'frequency', 'temperature', 'std')
@@ -49,13 +49,7 @@ def read_csv(path: Path | str) -> list[Reading]:
     Raises:
         ConfigurationError: the file cannot be read, lacks a column, or a line holds something else.
     """
-    try:
-        text = Path(path).read_text(encoding='utf-8-sig')
-    except OSError as error:
-        raise ConfigurationError(f'{path}: {error.strerror}') from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f'{path}: not a text file') from None
-    rows = csv.DictReader(line for line in text.splitlines() if line.strip() and not line.startswith('#'))
+    rows = csv.DictReader(line for line in read_text(path).splitlines() if line.strip() and not line.startswith('#'))
     names = [name.strip() for name in rows.fieldnames or ()]
     for name in names:
         if name not in _COLUMNS:

@@ -10,7 +10,7 @@ import numpy as np
 
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.statistics import EXCLUDED, reference_at
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.settings import ConfigurationError, read_text
 from drfmcw_physics.sweep import SweepSettings
 
 from ..recordings import Ranges
@@ -51,12 +51,7 @@ def read_marks(path: Path | str) -> list[Mark]:
     Raises:
         ConfigurationError: not readable, or a cell is no number.
     """
-    try:
-        rows = list(csv.DictReader(Path(path).read_text(encoding='utf-8-sig').splitlines()))
-    except OSError as error:
-        raise ConfigurationError(f'{path}: {error.strerror}') from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f'{path}: not a text file') from None
+    rows = list(csv.DictReader(read_text(path).splitlines()))
     marks = []
     for number, row in enumerate(rows, 1):
         try:

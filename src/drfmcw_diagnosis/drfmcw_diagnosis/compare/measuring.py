@@ -62,8 +62,8 @@ class Evidence:
         return np.stack([noise for noise, _ in found]), np.stack([std for _, std in found])
 
     @functools.cached_property
-    def white(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Variances that additive noise alone makes of one sweep of each group, see `Extractor.white_noise`."""
+    def white(self) -> list[dict[str, np.ndarray]]:
+        """Variances that additive noise alone makes of one sweep of each group, by feature: `Extractor.white_noise`."""
         density = 10.0 ** (np.nanmedian(self.noise[0], axis=2) / 10.0)
         extract = self.recorded.parts[0].extract
         return [extract.white_noise(s, d) for s, d in zip(self.recorded.sweeps, density, strict=True)]

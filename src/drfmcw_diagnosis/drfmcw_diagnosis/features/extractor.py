@@ -161,8 +161,8 @@ class Extractor:
             phase_std=phase_std,
         )
 
-    def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return variances that additive noise alone makes of one sweep: ramp (2 S,), mean (S, Q), baseline (S, Q V).
+    def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> dict[str, np.ndarray]:
+        """Return variances that additive noise alone makes of one sweep's ramp (2 S,), mean (S, Q), baseline (S, Q V).
 
         Args:
             sweeps: features of a group, of one station.
@@ -173,7 +173,11 @@ class Extractor:
         ramp = noise / (2.0 * self.estimator.block * line)
         mean = noise / parts * np.array([w @ w for w in self._weights])
         baseline = (noise / parts)[:, None] * np.array([np.sum(w**2, axis=0) for w in self._spans])
-        return np.tile(ramp, 2), np.repeat(mean[:, None], parts, axis=1), np.tile(baseline, (1, parts))
+        return {
+            'ramp': np.tile(ramp, 2),
+            'mean': np.repeat(mean[:, None], parts, axis=1),
+            'baseline': np.tile(baseline, (1, parts)),
+        }
 
     def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
         """Return each sweep's share in the coherence of both lines' phase noise (n, C), see `coherence`.

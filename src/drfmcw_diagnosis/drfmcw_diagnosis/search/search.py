@@ -448,11 +448,10 @@ class Search(Fitting):
 
         gains = self._workers.map(gains_as_much, list(tried.items()))
         chosen = [item for item, enough in zip(tried.items(), gains, strict=True) if enough]
-        starts = [
-            [*self._without(fitted, *replaced).start, (candidate, candidate.values)]
-            for (_, _, replaced), several in chosen
-            for candidate in several
-        ]
+        starts = []
+        for (_, _, replaced), several in chosen:
+            others = [point for i, point in enumerate(fitted.start) if i not in replaced]
+            starts += [[*others, (candidate, candidate.values)] for candidate in several]
         return sorted(self._workers.map(refined, starts), key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:

@@ -5,10 +5,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from drfmcw_fusion.combination import PathDelay, Station
-from drfmcw_fusion.displacement import displacement
+from drfmcw_fusion.combination import PathDelay
+from drfmcw_fusion.displacement import displacement, with_line
 from drfmcw_fusion.uncertainty import Weather, contributions
-from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import MODELS, refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
@@ -146,9 +145,6 @@ def _effect(
 
 def _std(delay: float, sweeps: list[SweepSettings], pair: list[Calibration], weather: Weather) -> float:
     """Return the standard deviation of a range that the calibrations state; the weather's is left out [m]."""
-    first, second = (
-        Station(Beat(s.station, s.peer, 0, 0, beat_frequency(s, delay, 1.0, 1.0), 1.0, 0.0, 0.0, 0.0, 0), s, c)
-        for s, c in zip(sweeps, pair, strict=True)
-    )
+    first, second = (with_line(s, c, beat_frequency(s, delay, 1.0, 1.0)) for s, c in zip(sweeps, pair, strict=True))
     path = PathDelay(delay, delay, 0.0, 0.0, 0.0, first.sweep.center_frequency)
     return contributions(first, second, path, weather, MODELS[0]).total

@@ -44,7 +44,7 @@ class Ramp(_OfChannels):
                 variance = ramp[..., SCATTER.free :].var(axis=0, ddof=1)
                 variance = uniform_filter1d(variance, SCATTER.smooth, mode='nearest', axis=-1)
             else:
-                variance = evidence.white[g][0][:, None]
+                variance = evidence.white[g]['ramp'][:, None]
             std[g, :, SCATTER.free :] = np.sqrt(variance / len(ramp))
         return np.stack([ramp.mean(axis=0) for ramp in evidence.ramps]), std
 

@@ -67,7 +67,7 @@ class Mean(Kind):
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean over each group."""
-        return _averaged(evidence, self.name, 1)
+        return _averaged(evidence, self.name)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the mean of simulated sweeps."""
@@ -84,10 +84,9 @@ class Baseline(Kind):
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean over each group, of stations whose line the spans' windows keep out."""
-        values, std = _averaged(evidence, self.name, 2)
-        recorded = evidence.recorded
-        begin, end = recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
-        turns = np.stack([s.line.mean(axis=0) for s in recorded.sweeps]) * (end - begin)
+        values, std = _averaged(evidence, self.name)
+        begin, end = _window(evidence.recorded)
+        turns = np.stack([s.line.mean(axis=0) for s in evidence.recorded.sweeps]) * (end - begin)
         return values, np.where(turns[..., None] > SPECTRUM.kept_out * SPECTRUM.spans, std, np.inf)
 
     def predicted(self, expected: Expected) -> np.ndarray:
@@ -108,22 +107,24 @@ class Baseline(Kind):
         return Plotted(_middles(shown.recorded), *values, self.unit, at_distance(shown))
 
 
-def _averaged(evidence: Evidence, feature: str, number: int) -> Measured:
-    """Return means over each group of a feature, and their standard deviations.
-
-    These come from the scatter, or from white noise: `number` is that of the feature in `Evidence.white`.
-    """
+def _averaged(evidence: Evidence, feature: str) -> Measured:
+    """Return means over each group of a feature, and their standard deviations: by the scatter, or by white noise."""
     if evidence.recorded.scatters:
         each = [getattr(s, feature) for s in evidence.recorded.sweeps]
         variance = np.stack([x.var(axis=0, ddof=1) * variance_factor(len(x) - 1) for x in each])
     else:
-        variance = np.stack([white[number] for white in evidence.white])
+        variance = np.stack([white[feature] for white in evidence.white])
     return evidence.mean(feature), np.maximum(np.sqrt(variance), SCATTER.least_mean) / evidence.roots[:, None, None]
+
+
+def _window(recorded: RecordedSweeps) -> tuple[float, float]:
+    """Return between which times of the first station's sweep the spans lie [s]."""
+    return recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
 
 
 def _middles(recorded: RecordedSweeps) -> np.ndarray:
     """Return the middle of each span of the first station's sweep (V,) [s]."""
-    begin, end = recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
+    begin, end = _window(recorded)
     return begin + (end - begin) * np.arange(1, SPECTRUM.spans + 1) / (SPECTRUM.spans + 1)
 
 
