@@ -36,6 +36,7 @@ _AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # indices of the n
 _OFF = 0.5  # of a line's amplitude, below which it counts as silent
 _ABSENT = 1.0  # [1/Hz] noise density of a side-band that a real IF does not have
 _TURNS = 16  # realisations of phases that nobody knows, evenly over the circle
+_HALVES = tuple(range(0, _TURNS, 2)), tuple(range(1, _TURNS, 2))  # under one realisation of the noise and another
 _FEW = 2  # sweeps of a setting for which they are computed
 _NEPER = 20.0 / math.log(10.0)  # [dB]
 
@@ -181,29 +182,40 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
     own: list[np.ndarray] = []
     own_before: list[np.ndarray] = []
     for s in (FIRST, SECOND):
-        old, new = clean(before, s, rows), clean(after, s, rows)
+        olds, news = _turned(before, s, rows), _turned(after, s, rows)
+        old, new = np.mean(olds, axis=0), np.mean(news, axis=0)
         # where a chirp is off, a filter's response to its edge is no line whose change could be measured
         on = np.logical_and(*(np.abs(x) > _OFF * np.abs(x).max(axis=1, keepdims=True) for x in (old, new)))
         ratio = np.where(on, new / np.where(on, old, 1.0), 1.0)
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
         smooth = np.where(on, smooth, 0.0)
         pair = [smooth, smooth]
-        turning = [any(station == s for *_, station in scene.own_phases) for scene in (before, after)]
-        if _is_heard(before, after, s):
+        is_heard = _is_heard(before, after, s)
+        turning = [is_heard and any(station == s for *_, station in scene.own_phases) for scene in (before, after)]
+        if is_heard:
             heard = [_heard(before, after, s, rows, new.real, i, any(turning)) for i in (0, 1)]
             pair = [smooth + _relative(np.mean(changed - plain, axis=0), new, on) for plain, changed in heard]
-        for is_turning, found, which in zip(turning, (own_before, own), (0, 1), strict=True):
+        for is_turning, found, which, turned in zip(turning, (own_before, own), (0, 1), (olds, news), strict=True):
+            mean = np.mean(turned, axis=0)
+            differences = np.zeros((_TURNS, *new.shape), complex)
+            differences += np.where(on, (turned - mean) / np.where(on, mean, 1.0), 0.0)
             if is_turning:
-                differences = [x[which] - np.mean(x[which], axis=0) for x in heard]
-                found.append(_relative(np.concatenate(differences), new, on))
-            else:
-                found.append(np.zeros((_TURNS, *new.shape), complex))
+                differences += _relative(np.concatenate([x[which] - np.mean(x[which], axis=0) for x in heard]), new, on)
+            found.append(differences)
         first.append(pair[0])
         again.append(pair[1])
         supports.append(on)
     return _Changes(
         first, again, np.array(supports), own if after.own_phases else None, own_before if before.own_phases else None
     )
+
+
+def _turned(scene: Scene, station: int, rows: np.ndarray) -> np.ndarray:
+    """Return the noise-free IF [turns, rows, samples], once where no oscillator is modulated at a phase of its own."""
+    if not any(scene.hums):
+        return clean(scene, station, rows)[None]
+    turned = [dataclasses.replace(scene, advance=turn / _TURNS) for half in _HALVES for turn in half]
+    return np.array([clean(one, station, rows) for one in turned])
 
 
 def _heard(
@@ -213,7 +225,7 @@ def _heard(
     random = before.stream(Stream.EFFECT, 99, half, station, int(rows[0]))
     noise = random.standard_normal(rays.shape) * before.noise_std(station)[rows, None]
     plain, changed = [], []
-    for turn in range(half, _TURNS, 2) if turning else (0,):
+    for turn in _HALVES[half] if turning else (0,):
         advance = turn / _TURNS
         one = dataclasses.replace(after, advance=advance)
         other = dataclasses.replace(one, analogue=before.analogue, own_phases=before.own_phases)
