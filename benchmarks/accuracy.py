@@ -13,7 +13,7 @@ from rich.progress import track
 from rich.table import Table
 
 from drfmcw_fusion.offline import replay_recording
-from drfmcw_fusion.statistics import setting_statistics
+from drfmcw_fusion.replayed.statistics import setting_statistics
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.estimators.registry import estimator
 from drfmcw_physics.bounds import outlier_probability

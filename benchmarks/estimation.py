@@ -14,7 +14,7 @@ from drfmcw_physics.bounds import additive_factor
 from drfmcw_physics.sweep import Mode
 from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 from drfmcw_study.accuracy import Cell
 from drfmcw_study.measurement import conditions, station_estimates
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from drfmcw_ros.config_files import find_config
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import Scenario, read_scenario
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 from drfmcw_sim.timeline import Timeline
 
 _TRIALS = 256

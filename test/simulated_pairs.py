@@ -4,7 +4,7 @@ import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_sim.measurements import Measurements, Path, Station
-from drfmcw_sim.signal_model import PHASE_UNIT, geometry, if_phase
+from drfmcw_sim.synthesis.signal_model import PHASE_UNIT, geometry, if_phase
 
 SILENT = -400.0
 """Additive noise below any rounding [dBm/Hz]."""

@@ -37,8 +37,8 @@ from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_bringup.run import pair_names, start_graph, start_nodes
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag
-from drfmcw_fusion.statistics import reference_at
-from drfmcw_fusion.verification import compare
+from drfmcw_fusion.replayed.statistics import reference_at
+from drfmcw_fusion.replayed.verification import compare
 from drfmcw_node.processing.records import Sweep
 from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader

@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_fusion.offline import replay_recording
-from drfmcw_fusion.report import summary, table, write_plot
-from drfmcw_fusion.statistics import setting_statistics
-from drfmcw_fusion.verification import compare_with_recorded
+from drfmcw_fusion.replayed.report import summary, table, write_plot
+from drfmcw_fusion.replayed.statistics import setting_statistics
+from drfmcw_fusion.replayed.verification import compare_with_recorded
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 from drfmcw_ros.config_files import find_config

@@ -13,8 +13,8 @@ from drfmcw_commissioning.site.fit import fit_site
 from drfmcw_commissioning.site.groups import Group
 from drfmcw_commissioning.site.report import sentences
 from drfmcw_fusion.offline import replay_recording
+from drfmcw_fusion.replayed.statistics import setting_statistics
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_fusion.statistics import setting_statistics
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import Mode, SweepSettings

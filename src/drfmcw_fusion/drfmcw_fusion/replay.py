@@ -18,12 +18,12 @@ from drfmcw_ros.calibration.document import read_document
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.work.progress import Progress
 
-from . import report
 from .offline import RecordingReplay, Replay
+from .replayed import report
+from .replayed.statistics import DEFAULT_BIN, setting_statistics
+from .replayed.up_and_down import up_and_down
+from .replayed.verification import compare_with_recorded
 from .settings import FusionSettings
-from .statistics import DEFAULT_BIN, setting_statistics
-from .up_and_down import up_and_down
-from .verification import compare_with_recorded
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -14,8 +14,8 @@ from scipy import stats
 from drfmcw_fusion.combination import PathDelay, Station, combine, own_path
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag, RangeFusion
+from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_fusion.statistics import reference_at
 from drfmcw_fusion.tracking import VelocityTracker
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.constants import SPEED_OF_LIGHT

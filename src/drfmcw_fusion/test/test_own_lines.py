@@ -7,8 +7,8 @@ from scenes import STANDARD_STATION, record
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.replay import main, search_range
-from drfmcw_fusion.report import mismatch
-from drfmcw_fusion.up_and_down import up_and_down
+from drfmcw_fusion.replayed.report import mismatch
+from drfmcw_fusion.replayed.up_and_down import up_and_down
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.scenario import scenario_from_mapping

@@ -17,9 +17,9 @@ from checkout import DATA, SHARED
 from drfmcw_fusion import offline, replay
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import RangeResult
+from drfmcw_fusion.replayed.statistics import reference_at, setting_statistics
+from drfmcw_fusion.replayed.verification import compare, recorded_ranges
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_fusion.statistics import reference_at, setting_statistics
-from drfmcw_fusion.verification import compare, recorded_ranges
 from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.recording import to_rosbags
 

@@ -7,7 +7,7 @@ import pytest
 from checkout import DATA, SHARED
 
 from drfmcw_fusion.offline import replay_recording
-from drfmcw_fusion.verification import compare, recorded_ranges
+from drfmcw_fusion.replayed.verification import compare, recorded_ranges
 from drfmcw_ros.bag.files import BagReader
 
 FOLDERS = (DATA / 'ros2_bags', SHARED / 'ros2_bags')

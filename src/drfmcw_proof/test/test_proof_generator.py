@@ -33,10 +33,10 @@ from drfmcw_proof.generator import recordings
 from drfmcw_proof.generator.condition import Condition, StationCondition
 from drfmcw_proof.generator.model import FIRST, SECOND, clean, nominal
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_sim import signal_model
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.measurements import Measurements, Station
 from drfmcw_sim.measurements import Path as WavePath
+from drfmcw_sim.synthesis import signal_model
 
 PACKAGE = Path(drfmcw_proof.__file__).parent
 ROOMS = ('generator', 'cases')

@@ -20,7 +20,7 @@ from drfmcw_ros.parameter_tables import parameter_table
 from .effects import Effect, Of
 from .measurements import Measurements
 from .scenario import Scenario, scenario_from_mapping
-from .signal_model import synthesise
+from .synthesis.signal_model import synthesise
 from .timeline import Slots, Timeline
 
 _DISTANCES = (200.0, 1000.0)  # [m], short- and long-distance mode

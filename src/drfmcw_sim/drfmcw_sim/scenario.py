@@ -26,7 +26,7 @@ from drfmcw_ros.calibration.document import read_document
 from drfmcw_ros.config_files import find_config
 
 from .effects import Effect, effect_from_mapping
-from .measured import Measured, read_measured
+from .synthesis.measured import Measured, read_measured
 from .trajectory import Drive, Profile, Recorded, Standing
 
 _PROFILE = 'true value: a number, or `{times: [s], values: []}`'

@@ -13,9 +13,9 @@ from drfmcw_physics.sweep import Mode, SweepSettings
 
 from .measurements import Measurements
 from .nominal import link_budget, nominal_measurements
-from .random_streams import Purpose, stream
 from .scenario import Scenario
-from .signal_model import synthesise
+from .synthesis.random_streams import Purpose, stream
+from .synthesis.signal_model import synthesise
 from .trajectory import Drive, Recorded
 
 NANOSECONDS = 1_000_000_000

@@ -18,7 +18,7 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_sim.effect_table import example_of
 from drfmcw_sim.effects import Effect, Of, effect_from_mapping
 from drfmcw_sim.scenario import scenario_from_mapping
-from drfmcw_sim.signal_model import draw_sweeps, synthesise
+from drfmcw_sim.synthesis.signal_model import draw_sweeps, synthesise
 from drfmcw_sim.timeline import Timeline
 
 C = 299792458.0

@@ -10,9 +10,9 @@ from simulated_pairs import SILENT, pair
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.measured import Measured, MeasuredModel, Term, read_measured, write_measured
 from drfmcw_sim.scenario import read_scenario
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.measured import Measured, MeasuredModel, Term, read_measured, write_measured
+from drfmcw_sim.synthesis.signal_model import synthesise
 
 TIME = np.linspace(1e-5, 1e-3, 80)
 BUMP = 0.3 * np.exp(-0.5 * ((TIME - 5e-4) / 1e-4) ** 2)

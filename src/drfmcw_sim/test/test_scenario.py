@@ -15,7 +15,7 @@ from drfmcw_physics.sweep import Mode
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.recording import events
 from drfmcw_sim.scenario import PairSettings, read_scenario, scenario_from_mapping
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 from drfmcw_sim.timeline import IfSweep, Timeline
 from drfmcw_sim.trajectory import Drive, Profile, Standing
 

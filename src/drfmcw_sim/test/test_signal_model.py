@@ -15,8 +15,8 @@ from simulated_pairs import if_turns, pair, station
 from drfmcw_physics.phase_noise import PhaseNoise, combination_gain
 from drfmcw_physics.sweep import beat_frequency, residual_chirp
 from drfmcw_sim.measurements import Measurements, Path
-from drfmcw_sim.random_streams import Purpose, normal_pairs, stream
-from drfmcw_sim.signal_model import (
+from drfmcw_sim.synthesis.random_streams import Purpose, normal_pairs, stream
+from drfmcw_sim.synthesis.signal_model import (
     draw_sweeps,
     geometry,
     overlap,

@@ -20,7 +20,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, beat_frequency
 from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario
-from drfmcw_sim.signal_model import draw_sweeps, synthesise
+from drfmcw_sim.synthesis.signal_model import draw_sweeps, synthesise
 from drfmcw_sim.timeline import NANOSECONDS, Slots, Timeline
 
 _WEATHER = ('temperature', 'pressure', 'humidity')

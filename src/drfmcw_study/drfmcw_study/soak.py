@@ -17,7 +17,7 @@ from drfmcw_fusion.pipeline import RangeFusion
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 
 from .campaign.faults import Fault
 from .campaign.measuring import Case, conditions, fresh_fusion, processor_of, scenario_of, sweeps_of

@@ -20,7 +20,7 @@ from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 from drfmcw_study.accuracy import Cell
 from drfmcw_study.measurement import conditions
 

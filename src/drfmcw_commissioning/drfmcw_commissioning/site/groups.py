@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drfmcw_fusion.pipeline import Flag
-from drfmcw_fusion.statistics import EXCLUDED, reference_at
+from drfmcw_fusion.replayed.statistics import EXCLUDED, reference_at
 from drfmcw_physics.settings import ConfigurationError, read_text
 from drfmcw_physics.sweep import SweepSettings
 

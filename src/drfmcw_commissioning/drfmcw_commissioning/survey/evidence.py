@@ -10,7 +10,7 @@ import numpy as np
 from drfmcw_fusion.combination import Station, start_delay_excess
 from drfmcw_fusion.offline import RecordingReplay, Replay
 from drfmcw_fusion.pipeline import USELESS, RangeResult
-from drfmcw_fusion.statistics import reference_at
+from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.history import History

@@ -9,7 +9,7 @@ import numpy as np
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Stage
 from drfmcw_sim.measurements import Measurements
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures, ramp_spectrum
 from .groups import Part, align

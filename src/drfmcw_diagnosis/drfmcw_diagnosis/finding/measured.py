@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drfmcw_sim.measured import write_measured
+from drfmcw_sim.synthesis.measured import write_measured
 
 from ..compare.comparison import Comparison
 from ..learn.curves import Curve

@@ -132,7 +132,7 @@ class MeasuredCurve:
     """One curve of a measured remainder."""
 
     label: str  # kind of number and station, in words
-    quantities: tuple[str, ...]  # that simulate it, as in `drfmcw_sim.measured`
+    quantities: tuple[str, ...]  # that simulate it, as in `drfmcw_sim.synthesis.measured`
     axis: str  # covariate over which it changes, '' for none
     terms: int | None  # numbers over the sweep or the spectrum; None: of the samples or of single lines
     freedom: float | None  # values that the data determine of each, over the covariate

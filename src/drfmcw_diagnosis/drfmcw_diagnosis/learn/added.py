@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drfmcw_sim.measured import Term
+from drfmcw_sim.synthesis.measured import Term
 
 from ..compare.comparison import Comparison
 from .evidence import LeftOver

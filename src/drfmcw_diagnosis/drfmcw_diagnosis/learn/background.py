@@ -4,7 +4,7 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import uniform_filter1d
 
-from drfmcw_sim.measured import Term
+from drfmcw_sim.synthesis.measured import Term
 
 from ..features.extractor import as_complex
 from .evidence import LeftOver

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.measured import Measured, MeasuredModel, Term
+from drfmcw_sim.synthesis.measured import Measured, MeasuredModel, Term
 
 from ..compare.comparison import Comparison
 from .evidence import LeftOver

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.measured import covariate
+from drfmcw_sim.synthesis.measured import covariate
 
 from ..compare.comparison import Comparison
 from ..compare.groups import Groups

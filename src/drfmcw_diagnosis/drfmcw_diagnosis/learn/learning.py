@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.measured import Measured, MeasuredModel, Term
+from drfmcw_sim.synthesis.measured import Measured, MeasuredModel, Term
 
 from ..compare.comparison import Comparison
 from ..search.leftovers import Leftover

@@ -27,7 +27,7 @@ class Sample:
 class Covariate:
     """What a curve may depend on."""
 
-    axis: str  # as in `drfmcw_sim.measured.AXES`
+    axis: str  # as in `drfmcw_sim.synthesis.measured.AXES`
     station: str  # whose line or board, '' for distance and time
     values: np.ndarray  # (G,)
 

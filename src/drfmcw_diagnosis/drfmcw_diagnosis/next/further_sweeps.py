@@ -13,7 +13,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
 from drfmcw_sim.effects import Effect, Motion, Of, Stage
 from drfmcw_sim.nominal import link_budget
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 
 from ..compare.comparison import Comparison
 from ..features.limits import SPECTRUM

@@ -10,8 +10,8 @@ import numpy as np
 
 from drfmcw_fusion.offline import Reference
 from drfmcw_fusion.pipeline import RangeFusion
+from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_fusion.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.processor import StationProcessor, refusal
 from drfmcw_node.processing.records import Sweep

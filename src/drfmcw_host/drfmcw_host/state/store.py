@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drfmcw_fusion.offline import Reference
-from drfmcw_fusion.statistics import reference_at
+from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 

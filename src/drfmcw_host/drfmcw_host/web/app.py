@@ -17,10 +17,10 @@ from ..access.guard import REPORT_POLICY, Application, Guard
 from ..files.findings import report_path
 from ..files.work import PLOT, REPORT
 from ..state.store import Store
-from . import calibration, configuration, diagnosis, now, over_time, recordings, signals, stations
 from .frame import STATIC, VIEWS, Host, frame, path_of, viewer_of
 from .live import Live, layout
 from .login import routes
+from .views import calibration, configuration, diagnosis, now, over_time, recordings, signals, stations
 
 _BUILDERS = {
     'now': now.build,

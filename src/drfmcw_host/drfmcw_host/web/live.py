@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from ..state.history import WINDOWS
 from ..state.store import Store
 from ..words.phrases import LANGUAGES
-from . import diagnosis, now, over_time, recordings, signals, stations
+from .views import diagnosis, now, over_time, recordings, signals, stations
 
 INTERVAL = 1.0 / 30.0
 """Between two messages to a browser that shows "Now" [s]."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drfmcw_fusion.offline import Replay, replay_recording
-from drfmcw_fusion.statistics import reference_at
+from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError

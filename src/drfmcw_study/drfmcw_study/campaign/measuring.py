@@ -18,7 +18,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.messages import ImplausibleError
 from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 from drfmcw_sim.timeline import NANOSECONDS, Slots, Timeline
 
 from .faults import Fault

@@ -13,7 +13,7 @@ import numpy as np
 
 from drfmcw_fusion.pipeline import Flag, RangeResult
 from drfmcw_node.processing.records import Beat
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 
 from .faults import Fault
 from .measuring import (

@@ -6,7 +6,7 @@ import numpy as np
 
 from drfmcw_node.estimators.spectral import window_samples
 from drfmcw_physics.sweep import Mode
-from drfmcw_sim.signal_model import synthesise
+from drfmcw_sim.synthesis.signal_model import synthesise
 
 from . import figures
 from .claims import Claim

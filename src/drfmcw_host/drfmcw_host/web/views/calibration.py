@@ -14,12 +14,12 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.calibration.document import Document, now
 
-from ..configure.calibration import typed_document
-from ..configure.calls import Unreachable
-from ..configure.comparison import Effect, Shown, effects, side_by_side
-from ..files.calibrations import key_of
-from ..words.numbers import NONE, general, number, span
-from .frame import Viewer, section, text
+from ...configure.calibration import typed_document
+from ...configure.calls import Unreachable
+from ...configure.comparison import Effect, Shown, effects, side_by_side
+from ...files.calibrations import key_of
+from ...words.numbers import NONE, general, number, span
+from ..frame import Viewer, section, text
 
 _CALIBRATION = 'calibration'
 """Action in the audit log."""

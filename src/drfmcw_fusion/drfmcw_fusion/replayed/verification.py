@@ -10,8 +10,8 @@ from rich.console import Console
 from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import stamp_ns
 
-from .pipeline import Flag, RangeResult
-from .tracking import MEMORY
+from ..pipeline import Flag, RangeResult
+from ..tracking import MEMORY
 
 _COMPARED = (
     'mode',

@@ -7,8 +7,8 @@ import numpy as np
 
 from drfmcw_physics.sweep import Mode
 
-from .offline import Reference
-from .pipeline import Flag, RangeResult
+from ..offline import Reference
+from ..pipeline import Flag, RangeResult
 
 _INTERPOLATION_LIMIT = 5.0  # between a sweep and each of the two reference readings around it [s]
 _NEAREST_LIMIT = 0.1  # between a sweep and a reading on one side only [s]

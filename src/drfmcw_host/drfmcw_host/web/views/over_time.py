@@ -7,11 +7,11 @@ from urllib.parse import urlencode
 import numpy as np
 from nicegui import ui
 
-from ..state.history import WINDOWS, Curve
-from ..state.store import SERIES, Store
-from ..words.phrases import phrase
-from .charts import axis_chart, colours
-from .frame import Viewer, chart, link, section
+from ...state.history import WINDOWS, Curve
+from ...state.store import SERIES, Store
+from ...words.phrases import phrase
+from ..charts import axis_chart, colours
+from ..frame import Viewer, chart, link, section
 
 _UNITS = {'range': ('m', 1.0), 'error': ('mm', 1e3), 'std': ('mm', 1e3), 'rate': ('1/s', 1.0)}
 _GAP = 3.5  # intervals without a value, beyond which the curve is interrupted

@@ -20,8 +20,8 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Role
 from drfmcw_ros.cli import write_atomically
 
-from .effects import ActsOn, Effect, Stage
-from .measurements import Measurements, Response, Station
+from ..effects import ActsOn, Effect, Stage
+from ..measurements import Measurements, Response, Station
 
 FORMAT = 'drfmcw measured remainder'
 VERSION = 1

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from ..state.store import Pair, Store
-from ..words import flags
-from ..words.numbers import NONE, distance, general, number, span
-from ..words.phrases import phrase
+from ...state.store import Pair, Store
+from ...words import flags
+from ...words.numbers import NONE, distance, general, number, span
+from ...words.phrases import phrase
+from ..frame import Viewer, field, link, text
 from . import crane
-from .frame import Viewer, field, link, text
 
 _VALUES = ('std', 'velocity', 'protection', 'mode', 'rate', 'error')
 _RAIL_TIME = 600  # of ranges that the rail has to show [s]

@@ -10,13 +10,13 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.sweep import SweepSettings
 
-from ..state.readings import decimated
-from ..state.store import Store
-from ..words import flags
-from ..words.numbers import NONE, number
-from ..words.phrases import phrase
-from .charts import Colours, axis_chart, colours
-from .frame import Viewer, chart, field, section, table, text
+from ...state.readings import decimated
+from ...state.store import Store
+from ...words import flags
+from ...words.numbers import NONE, number
+from ...words.phrases import phrase
+from ..charts import Colours, axis_chart, colours
+from ..frame import Viewer, chart, field, section, table, text
 
 _FLOOR, _TOP = -110.0, 0.0  # of the spectra [dBFS]
 _DARK, _BRIGHT = -100.0, -40.0  # of the waterfalls [dBFS]

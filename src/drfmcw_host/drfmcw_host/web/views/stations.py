@@ -6,11 +6,11 @@ from typing import Any
 
 from nicegui import ui
 
-from ..state.store import Station, Store
-from ..words import flags
-from ..words.numbers import NONE, general, number, span
-from ..words.phrases import phrase
-from .frame import Viewer, field, section, table, text
+from ...state.store import Station, Store
+from ...words import flags
+from ...words.numbers import NONE, general, number, span
+from ...words.phrases import phrase
+from ..frame import Viewer, field, section, table, text
 
 _HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link')
 _CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'floor', 'phase')

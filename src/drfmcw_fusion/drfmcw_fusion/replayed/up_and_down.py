@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 
-from .pipeline import Flag, RangeResult
+from ..pipeline import Flag, RangeResult
 
 
 def up_and_down(results: Sequence[RangeResult], pair: str, scale: float = math.nan) -> list[RangeResult]:

@@ -16,9 +16,9 @@ from rich.table import Table
 
 from drfmcw_ros.cli import write_atomically
 
-from .integrity.checks import Test
-from .offline import Reference
-from .pipeline import RangeResult
+from ..integrity.checks import Test
+from ..offline import Reference
+from ..pipeline import RangeResult
 from .statistics import SettingStatistics, reference_at
 
 

@@ -17,9 +17,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ..effects import Effect, Stage
+from ..measurements import Measurements, Path, Station
 from . import oscillator
-from .effects import Effect, Stage
-from .measurements import Measurements, Path, Station
 from .random_streams import Purpose, normal_pairs, stream
 
 PHASE_UNIT = 2.0**-32

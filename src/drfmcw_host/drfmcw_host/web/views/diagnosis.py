@@ -5,11 +5,11 @@ from typing import Any
 
 from nicegui import ui
 
-from ..files.findings import Effect, Finding, read_findings
-from ..state.store import Store
-from ..words.numbers import general
-from ..words.phrases import PHRASES, phrase
-from .frame import Viewer, field, section, table, text
+from ...files.findings import Effect, Finding, read_findings
+from ...state.store import Store
+from ...words.numbers import general
+from ...words.phrases import PHRASES, phrase
+from ..frame import Viewer, field, section, table, text
 
 _WATCH = 'watch: Model '
 _LEVELS = {0: 'good', 1: 'doubtful', 2: 'unusable', 3: 'stale'}

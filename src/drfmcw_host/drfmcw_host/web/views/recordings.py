@@ -9,12 +9,12 @@ from nicegui import ui
 
 from drfmcw_physics.settings import ConfigurationError
 
-from ..files.recordings import Recording
-from ..files.work import PLOT, REPORT, Job
-from ..state.store import Store
-from ..words.numbers import size, span
+from ...files.recordings import Recording
+from ...files.work import PLOT, REPORT, Job
+from ...state.store import Store
+from ...words.numbers import size, span
+from ..frame import Viewer, section, text
 from .diagnosis import show_in_place
-from .frame import Viewer, section, text
 
 _REFRESH = 1.0  # of the list [s]
 

@@ -8,10 +8,10 @@ from nicegui import ui
 
 from drfmcw_physics.settings import ConfigurationError
 
-from ..configure.calls import Unreachable
-from ..configure.parameter_file import save
-from ..configure.values import Described, as_number, shown, typed
-from .frame import Viewer, section, text
+from ...configure.calls import Unreachable
+from ...configure.parameter_file import save
+from ...configure.values import Described, as_number, shown, typed
+from ..frame import Viewer, section, text
 
 _PARAMETER = 'parameter'
 """Action in the audit log."""

@@ -1,0 +1,5 @@
+"""What a replay tells.
+
+In: a recording's ranges, recomputed.
+Out: statistics, table and plot; their comparison with the recorded ranges; velocity by up and down ramps.
+"""
