@@ -66,6 +66,8 @@ class SweepSettings:
     )
     stamp: int = 0
     frame_id: str = ''
+    cut: tuple[float, float] = (0.0, 0.0)
+    """Left out at either end of the analysis window, where a recording shows that the ramp does not run [s]."""
 
     def __post_init__(self) -> None:
         """Refuse what no radar can sweep."""
@@ -102,8 +104,8 @@ class SweepSettings:
         Both stations' windows cover the same absolute time, from T_off and the largest delay on, when each hears the
         other at any distance, to T_sw; T_off then cancels as in eqs. 16-18.
         """
-        start = min(max(largest_delay(self), 0.0), self.ramp_duration / 64)
-        end = min(self.ramp_duration, self.record_duration)
+        start = min(max(largest_delay(self), 0.0), self.ramp_duration / 64) + self.cut[0]
+        end = min(self.ramp_duration, self.record_duration) - self.cut[1]
         if self.hears_itself:
             return start, end
         if self.role == Role.FIRST:

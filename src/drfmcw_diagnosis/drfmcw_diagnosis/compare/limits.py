@@ -95,11 +95,15 @@ class ScatterLimits:
     coherent: float = 0.5
     """Length of the mean phasor of a group's sweeps [1], beyond which their phases count as one; chosen."""
 
-    steady: int = 8
+    steady: int = 3
     """Terms of the ramp that slow changes of the conditions may move from sweep to sweep; chosen."""
 
     free: int = 2
     """Cosine terms that amplitude, phase and frequency of each sweep take out of the ramp; derived."""
+
+    trend_from: int = 8
+    """Terms below which that course counts as level: at the edge of a fit a strong modulation would pass for noise;
+    chosen."""
 
     trend_degree: int = 3
     """Degree of the polynomial that follows the oscillators' noise; chosen."""
@@ -132,6 +136,9 @@ class ScatterLimits:
     amplitude_shared: float = 1.4
     """By which amplitudes of two stations are widened, as they scatter together: the sum counts twice; derived,
     sqrt(2)."""
+
+    least_end: float = 0.3
+    """Least standard deviation of when a signal begins or ends [samples]; chosen: the sampling grid rounds it."""
 
     least_mean: float = 0.01
     """Least standard deviation of a sweep's mean [LSB]; chosen."""

@@ -233,17 +233,29 @@ class Predictor:
         widened: np.ndarray = (edged[..., :-2] + 4.0 * result + edged[..., 2:]) / 6.0  # by a Hann window
         return widened
 
-    def changing(self, effects: Sequence[Effect]) -> np.ndarray:
+    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
+    def changing(self, effects: tuple[Effect, ...]) -> np.ndarray:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
 
-        What a spur or a mirror line brings has a phase of its own in every sweep. What effects of random phase do is
-        predicted, see `Expected.fluttering`.
+        What a spur or a mirror line brings has a phase of its own in every sweep, and so have the products of a
+        distortion. Where the target moves, all that effects do to the ramp counts: the phase of an echo turns, too.
+        What effects of random phase do is predicted, see `Expected.fluttering`.
         """
-        effects = [e for e in effects if not (e.bursts or e.fluctuates)]
+        effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
+        distorting = any(e.distorts for e in effects)
         result = np.zeros(self.std['flutter'].shape)
         for part in self.recorded.parts:
-            ramp = ramp_spectrum(self.simulated.copies(part, effects, 2)[0].ramp)
-            result[part.groups] = ramp.reshape(2, -1, *ramp.shape[1:]).var(axis=0, ddof=1)
+            if distorting:
+                copies = SIMULATION.distorted
+                features = self.simulated.jittered(part, effects, False, copies, shape=True)
+            else:
+                copies = 2
+                features = self.simulated.copies(part, effects, copies)[0]
+            ramp = ramp_spectrum(features.ramp)
+            ramp = ramp.reshape(copies, -1, *ramp.shape[1:])
+            result[part.groups] = ramp.var(axis=0, ddof=1)
+            moving = ~self.recorded.standing[part.groups]
+            result[part.groups[moving]] += (ramp.mean(axis=0) - self.plain(part).ramp)[moving] ** 2
         return result / self.std['flutter']
 
     def distortion(self, part: Part, effects: Sequence[Effect]) -> Distortion:

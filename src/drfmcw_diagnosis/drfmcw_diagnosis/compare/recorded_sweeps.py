@@ -11,6 +11,7 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
 from ..features.extractor import Extractor, SweepFeatures, as_complex, quiet_sweeps
+from ..features.limits import SPECTRUM
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
 from ..recording.topology import Channel
@@ -145,7 +146,13 @@ class RecordedSweeps:
     def _extract(self) -> None:
         """Take the features of all members' sweeps."""
         data = self.data
-        self.parts = [self._part(setting) for setting in np.unique(data.setting[np.concatenate(self.members)])]
+        settings = np.unique(data.setting[np.concatenate(self.members)])
+        self.parts = [self._part(setting) for setting in settings]
+        covered = {part.extract.covered for part in self.parts}
+        if len(covered) > 1:  # windows of several lengths: blocks of one length, and as many of each
+            size = min(SPECTRUM.blocks, key=lambda n: (sum(c % n for c in covered), -n))
+            blocks, most = range(size, size + 1), min(covered) // size
+            self.parts = [self._part(setting, blocks, most) for setting in settings]
         sweeps: dict[int, SweepFeatures] = {}
         shares: dict[int, np.ndarray] = {}
         for part in self.parts:
@@ -183,13 +190,13 @@ class RecordedSweeps:
             [beat_frequency(sweeps[i], delay, calibrated[i].alpha, calibrated[-1 - i].alpha) for i in self.heard]
         )
 
-    def _part(self, setting: int) -> Part:
-        """Return the groups of one setting and their nominal conditions."""
+    def _part(self, setting: int, blocks: range = SPECTRUM.blocks, most: int | None = None) -> Part:
+        """Return the groups of one setting and their nominal conditions; `blocks` and `most` as for `Extractor`."""
         data = self.data
         groups = np.array([g for g, m in enumerate(self.members) if data.setting[m[0]] == setting])
         counts = [len(self.members[g]) for g in groups]
         starts = np.concatenate([[0], np.cumsum(counts)])
         local = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
         nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
-        extract = Extractor(data.sweeps[setting], data.calibration, data.topology)
+        extract = Extractor(data.sweeps[setting], data.calibration, data.topology, blocks, most)
         return Part(groups, local, nominal, steady(nominal, local), extract)

@@ -110,6 +110,7 @@ class SimulatedSweeps:
         copies: int,
         harmonic: bool = False,
         quiet: bool = False,
+        shape: bool = False,
     ) -> SweepFeatures:
         """Return power and lines of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
 
@@ -123,7 +124,7 @@ class SimulatedSweeps:
         for number, heard in enumerate(self._recorded.heard):
             rows.stations[heard].received_power += amplitudes[..., number].ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
-        return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=False)
+        return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=shape)
 
     def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
         """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""

@@ -7,6 +7,7 @@ delay, which are no mismatch and are removed. What remains is
   noise appears in the sum alone, a second path in both, a synthesiser's error in the sum;
 - flutter: by how much that changes from sweep to sweep beyond the noise, as under a modulation of random phase;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
+- ends: when the signal begins and ends;
 - baseline: how that mean changes over the sweep, as while a receiver settles;
 - harmonic: the line's harmonics at the line's own phase, to which a distortion is locked and noise is not;
 - piled: excess of samples at the outermost codes, which a limiter causes;
@@ -56,6 +57,7 @@ class SweepFeatures:
     power: np.ndarray  # (n, S, B) squared magnitude of the Hann-windowed samples [LSB^2]
     line: np.ndarray  # (n, S) frequency of each line [Hz]
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
+    ends: np.ndarray  # (n, S, 2) samples before the signal begins, and before it ends
     baseline: np.ndarray  # (n, S, Q V) means of the samples in V spans of the sweep, less the mean of these [LSB]
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
     piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
@@ -73,7 +75,12 @@ class Extractor:
     """Turns the samples of one or two stations, of one setting, into features."""
 
     def __init__(
-        self, sweeps: tuple[SweepSettings, ...], calibrations: tuple[Calibration, ...], topology: Topology
+        self,
+        sweeps: tuple[SweepSettings, ...],
+        calibrations: tuple[Calibration, ...],
+        topology: Topology,
+        blocks: range = SPECTRUM.blocks,
+        most: int | None = None,
     ) -> None:
         """Prepare the estimators.
 
@@ -81,7 +88,10 @@ class Extractor:
             sweeps: settings of the first and the second station, or of the one that hears itself.
             calibrations: of the same.
             topology: of the same.
+            blocks: lengths of a block to choose from [samples].
+            most: blocks of the ramp that are compared, the first ones; None: all.
         """
+        self._most = most
         self.sweeps, self.calibrations, self.topology = sweeps, calibrations, topology
         settings, iq, own = EstimatorSettings(estimator='pair'), topology.iq, topology.heard[0]
         self.sign = sweeps[0].line_sign() * sweeps[-1].line_sign()
@@ -91,11 +101,11 @@ class Extractor:
         if topology.both_heard:
             (first, second), (calibration, other) = sweeps, calibrations
             self.estimator = PairEstimator(
-                first, second, settings, iq, calibration, other, blocks=SPECTRUM.blocks, chirp_known=False
+                first, second, settings, iq, calibration, other, blocks=blocks, chirp_known=False
             )
         else:
             calibrated = calibrations[own], calibrations[-1 - own]
-            self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, SPECTRUM.blocks)
+            self.estimator = SingleEstimator(sweeps[own], settings, iq, *calibrated, blocks)
         self.time = np.zeros(0)
         """Of the blocks in the first station's sweep, once sweeps have come [s]."""
 
@@ -128,7 +138,7 @@ class Extractor:
             harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
             quiet: compute `quiet`; otherwise it is (n, S, 0).
             noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
-            shape: compute `ramp`, `mean`, `baseline`, `beat`, `amplitude` and `range`; otherwise they are (n, 0),
+            shape: compute `ramp`, `mean`, `ends`, `baseline`, `beat`, `amplitude`, `range`; otherwise they are (n, 0),
                 `noisy` or not, and `line` is that of a first round.
         """
         functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
@@ -138,7 +148,7 @@ class Extractor:
             for i in range(0, len(samples[0]), 64)
         ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, baseline, beat, amplitude, delay, std, carrier, phase_std, *rest = found
+        ramp, power, line, mean, ends, baseline, beat, amplitude, delay, std, carrier, phase_std, *rest = found
         nothing = np.zeros((*line.shape, 0))
         harmonics, piles, quiets = (rest.pop(0) if wanted else nothing for _, wanted in functions)
         hardware = sum(c.delay for c in self.calibrations)
@@ -149,6 +159,7 @@ class Extractor:
             power=power,
             line=line,
             mean=mean,
+            ends=ends,
             baseline=baseline,
             harmonic=harmonics,
             piled=piles[..., 0] if harmonic else np.zeros(line.shape),
@@ -161,8 +172,15 @@ class Extractor:
             phase_std=phase_std,
         )
 
+    @property
+    def covered(self) -> int:
+        """Samples of the analysis window."""
+        return min(s.samples.stop - s.samples.start for s in self.estimator.stations)
+
     def white_noise(self, sweeps: SweepFeatures, noise: np.ndarray) -> dict[str, np.ndarray]:
-        """Return variances that additive noise alone makes of one sweep's ramp (2 S,), mean (S, Q), baseline (S, Q V).
+        """Return variances that additive noise alone makes of one sweep.
+
+        Of its ramp (2 S,), mean (S, Q), ends (S, 2) and baseline (S, Q V).
 
         Args:
             sweeps: features of a group, of one station.
@@ -173,8 +191,10 @@ class Extractor:
         ramp = noise / (2.0 * self.estimator.block * line)
         mean = noise / parts * np.array([w @ w for w in self._weights])
         baseline = (noise / parts)[:, None] * np.array([np.sum(w**2, axis=0) for w in self._spans])
+        ends = SPECTRUM.edge_samples * noise / line
         return {
             'ramp': np.tile(ramp, 2),
+            'ends': np.repeat(ends[:, None], 2, axis=1),
             'mean': np.repeat(mean[:, None], parts, axis=1),
             'baseline': np.tile(baseline, (1, parts)),
         }
@@ -211,7 +231,7 @@ class Extractor:
         noise_features = (nothing,) * 3
         if not shape:
             power, lines = self.estimator.spectra(samples)
-            ramp = mean = baseline = beat = amplitude = delay = nothing
+            ramp = mean = ends = baseline = beat = amplitude = delay = nothing
         else:
             if noisy:
                 estimates, base = self.estimator.with_basebands(samples, full_scale)
@@ -222,6 +242,7 @@ class Extractor:
             ramp, amplitude = self._ramp(base)
             beat, delay = self._delay(lines)
             mean = self._means(samples, [w[:, None] for w in self._weights])
+            ends = self._ends(samples, lines)
             baseline = self._means(samples, self._spans)
         stations = self.estimator.stations
         of_stations = tuple(
@@ -234,7 +255,7 @@ class Extractor:
             )
             for take in taken
         )
-        of_line = ramp, np.stack(power, axis=1), lines.T, mean, baseline, beat, amplitude, delay
+        of_line = ramp, np.stack(power, axis=1), lines.T, mean, ends, baseline, beat, amplitude, delay
         return (*of_line, *noise_features, *of_stations)
 
     def _means(self, samples: tuple[np.ndarray, ...], weights: Sequence[np.ndarray]) -> np.ndarray:
@@ -246,13 +267,35 @@ class Extractor:
         ]
         return np.stack(means, axis=1)
 
+    def _ends(self, samples: tuple[np.ndarray, ...], lines: np.ndarray) -> np.ndarray:
+        """Return how many samples come before the signal begins, and before it ends (n, S, 2).
+
+        The line is summed over the samples about an end, and over as many inside: their ratio is the share of the
+        former in which there is a signal. Nothing later than the last sample is seen.
+        """
+        found = []
+        for x, frequency, station in zip(samples, lines, self.estimator.stations, strict=True):
+            first, end = (round(t * station.sweep.sample_rate) for t in station.sweep.analysis_window())
+            count, last = SPECTRUM.edge_samples, end - SPECTRUM.edge_inside
+            before = max(first - count, 0)
+            whole, cycles = as_complex(x.astype(np.float32), self.topology.iq), frequency / station.sweep.sample_rate
+            outside, inside, latest, after = (
+                _line_sum(whole[:, a:b], cycles)
+                for a, b in ((before, first), (first, first + count), (last - count, last), (last, last + count))
+            )
+            begins = first - count * outside / np.maximum(inside, 1e-9)
+            ends = last + count * after / np.maximum(latest, 1e-9)
+            found.append(np.stack([begins, ends], axis=1))
+        return np.stack(found, axis=1)
+
     def _ramp(self, base: Basebands) -> tuple[np.ndarray, np.ndarray]:
         """Return `ramp` and `amplitude` of sweeps, see `SweepFeatures`."""
-        self.time = base.time[0]
-        log = np.log(np.maximum(np.abs(base.lines), 1e-9))
+        lines, time = base.lines[..., : self._most], base.time[..., : self._most]
+        self.time = time[0]
+        log = np.log(np.maximum(np.abs(lines), 1e-9))
         level = log.mean(axis=-1)
-        t = (base.time - base.time.mean(axis=-1, keepdims=True))[:, None]
-        phase = np.unwrap(np.angle(base.lines), axis=-1)
+        t = (time - time.mean(axis=-1, keepdims=True))[:, None]
+        phase = np.unwrap(np.angle(lines), axis=-1)
         phase -= phase.mean(axis=-1, keepdims=True)
         phase -= (phase * t).sum(axis=-1, keepdims=True) / (t * t).sum(axis=-1, keepdims=True) * t
         if self.topology.both_heard:
@@ -361,6 +404,12 @@ class Extractor:
             shares.append(Share(beat, sweep, calibration))
         first, second = shares
         return combine(first, second)
+
+
+def _line_sum(samples: np.ndarray, cycles: np.ndarray) -> np.ndarray:
+    """Return the magnitude of the sum of a line over samples (n, N), by its cycles per sample (n,): (n,)."""
+    turn = coherence.phasor(-cycles[:, None] * np.arange(samples.shape[1]))
+    return np.abs(np.einsum('ij,ij->i', samples, turn))
 
 
 def spans(sweep: SweepSettings) -> np.ndarray:

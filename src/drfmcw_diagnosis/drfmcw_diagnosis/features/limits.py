@@ -56,6 +56,12 @@ class SpectrumLimits:
     bands: int = 8
     """Bands of equal width in which the noise is compared; chosen."""
 
+    edge_samples: int = 32
+    """Samples about either end of the ramp in which the signal is counted; chosen."""
+
+    edge_inside: int = 16
+    """Samples by which these reach into the analysis window at its end; chosen."""
+
     harmonics: tuple[int, ...] = (2, 3, 5)
     """Multiples of the line's phase at which distortion shows; chosen."""
 

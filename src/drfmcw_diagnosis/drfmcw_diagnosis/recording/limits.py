@@ -60,6 +60,30 @@ class ThinningLimits:
     """Sweeps of a group, at most; chosen: noise then still hides the errors of the forward models."""
 
 
+@dataclasses.dataclass(frozen=True)
+class EndLimits:
+    """Where a ramp counts as not running."""
+
+    sweeps: int = 512
+    """Sweeps of one setting whose power is looked at, at most; chosen."""
+
+    smooth: int = 8
+    """Neighbouring samples whose power is averaged; chosen."""
+
+    silent: float = 0.25
+    """Power over that of the median sample, below which nothing is received [1]; chosen."""
+
+    near: float = 4.0
+    """Samples that may be silent next to the analysis window's own end [samples]; chosen."""
+
+    margin: int = 16
+    """Samples next to a silent end that are left out as well; chosen."""
+
+    most: float = 0.75
+    """Share of the analysis window that silent ends may take; chosen: beyond it there is no ramp."""
+
+
+ENDS = EndLimits()
 GROUPS = GroupLimits()
 LINES = LineLimits()
 THINNING = ThinningLimits()

@@ -153,6 +153,16 @@ class SelectionLimits:
     exchanged: int = 3
     """Times at most; chosen."""
 
+    hopeful: float = 0.15
+    """Share of a remainder that one more effect must explain, where the remainder is far beyond chance and two effects
+    are there already [1]; chosen: what explains less imitates a part of something unknown."""
+
+    beyond: float = 4.0
+    """Misfit per number from which on a remainder is far beyond chance [1]; chosen."""
+
+    hopeless: float = 0.5
+    """Share of such a remainder in the misfit, beyond which exchanging effects is no use [1]; chosen."""
+
 
 @dataclasses.dataclass(frozen=True)
 class RivalLimits:

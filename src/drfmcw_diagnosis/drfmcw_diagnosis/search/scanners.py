@@ -399,6 +399,16 @@ def _begins_alike(c: Comparison, station: int, frequency: float) -> bool:
     return c.recorded.alignment(station, frequency) > SCAN.alike
 
 
+def _ends(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+    """Return when a station's signal begins or ends [s], where it does so later or earlier than the model's."""
+    last = int(recipe.scanned == 'end')
+    z = residual[c.entries.where(kind='ends', station=station)].reshape(len(c.members), 2)[:, last]
+    if stats.chi2.sf(z @ z, len(z)) > SCAN.suspicion or (z.sum() > 0.0) == bool(last):
+        return ()
+    rate = c.data.sweeps[0][c.heard[station]].sample_rate
+    return (float(np.mean(c.measured.ends[:, station, last])) / rate,)
+
+
 SCANNERS: dict[str, Scanner] = {
     'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
     'fringes over distance': Scanner(_reflections),
@@ -411,5 +421,6 @@ SCANNERS: dict[str, Scanner] = {
     'even harmonics': Scanner(_even_harmonics),
     'limit': Scanner(_limits, True),
     'bursts': Scanner(_bursts, True),
+    'ends': Scanner(_ends, True),
 }
 """By the name that a recipe gives in `scan`."""

@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import numpy as np
+
 from .fitting import Fitted
 from .leftovers import leftovers
 from .limits import SELECTION
@@ -34,6 +36,8 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
+        if _far_beyond_chance(search, current.misfit) and current.misfit > SELECTION.hopeless * search.misfit(0.0):
+            break  # something unknown hides everything else
         current = _unified(search, current, false_alarm_rate)
         if len(current.effects) == SELECTION.most and leftovers(search, current)[0].probability < false_alarm_rate:
             break  # one exchange more or less makes no explanation of it
@@ -111,8 +115,16 @@ def forward(
         accepted = false_alarm_rate * (1.0 if current is None else SELECTION.further)
         if chance > accepted or best.evidence <= needed + 1.0:
             break
+        beside_others = current is not None and len(current.effects) > 1
+        if beside_others and _far_beyond_chance(search, before) and gain < SELECTION.hopeful * before:
+            break
         current = search.relocated(best)
     return current, significance, rounds
+
+
+def _far_beyond_chance(search: Search, misfit: float) -> bool:
+    """Return whether a misfit is far beyond chance; never, where what is unexplained counts as noise."""
+    return misfit > SELECTION.beyond * np.count_nonzero(search.comparison.residual)
 
 
 def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:

@@ -3,11 +3,15 @@
 A real effect predicts what it was not fitted to: its size agrees from distance to distance and from kind
 to kind of number, and fitted without one distance it predicts that distance. An imitation of something unknown
 has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of one kind at one
-station in one group of sweeps.
+station in one group of sweeps. What one group alone shows, as clipping where the stations are nearest, no other
+distance can confirm; then one kind of number must predict the other.
 
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
 So an effect of that kind is also in doubt where it leaves much of the range's error unexplained, and where others of
 that kind, which may nearly cancel it, make it many times less certain than it would be without them.
+
+What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
+a receiver's gain changes both.
 """
 
 import dataclasses
@@ -27,14 +31,17 @@ class StandingLimits:
 
     over_groups: float = 0.1  # mean squared relative difference of its size from group to group, beyond noise [1]
     over_kinds: float = 0.2  # the same from kind to kind [1]
-    predicted: float = 0.5  # share of its gain in each group that a fit without this group predicts, at least [1]
+    predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
     probability: float = 1e-4  # chance of the gain in clean cells, at most [1]
     alone: float = 0.98  # share of its power in one group above which no other group can confirm it [1]
+    one_kind: float = 0.9  # the same in one kind of number, where one group alone shows it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
+    by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what an effect that the range alone shows explains of it, at most [1]
+    unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
@@ -50,9 +57,10 @@ class Standing:
     predicted: float
     evidence: float
     probability: float
-    testable: bool  # more than one group shows it
+    testable: bool  # more than one group shows it, or more than one kind of number
     gain: float  # misfit that it explains beside the others
     left: float = 0.0  # of effects that the range alone shows
+    unexplained: float = 0.0  # of effects that the noise alone shows
     inflated: float = 1.0  # likewise
 
     @property
@@ -66,6 +74,7 @@ class Standing:
             and self.evidence > LIMITS.evidence
             and self.probability < LIMITS.probability
             and self.left < LIMITS.left
+            and self.unexplained < LIMITS.unexplained
             and self.inflated < LIMITS.inflated
         )
 
@@ -74,23 +83,33 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     """Return how well each effect of an explanation stands by itself, in order."""
     entries = fitting.comparison.entries
     whitening = fitting.whitening
-    rest = whitening(fitting.comparison.residual - fitted.template)
+    as_measured = fitting.whitening_of(fitted, with_unknown=False)  # nothing is clean because it counts as noise
+    unexplained = fitting.comparison.residual - fitted.template
+    rest, left_over = whitening(unexplained), as_measured(unexplained)
     slopes = whitening(fitting.slopes(fitted))
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
     converters = _of_uneven_converters(fitting)
-    changes = _without_each_group(rest, slopes, groups)[groups]
-    moved = np.einsum('np,pn->n', changes, slopes)
+    changes = {name: _without_each(rest, slopes, parts)[parts] for name, parts in (('group', groups), ('kind', kinds))}
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
-        added = whitening(fitted.template - (fitting.comparison.template(others) if others else 0.0))
-        moved_own = np.einsum('np,pn->n', changes[:, own], slopes[own])
+        alone = fitted.template - (fitting.comparison.template(others) if others else 0.0)
+        added = whitening(alone)
+        anywhere = _largest_share(added, groups) < LIMITS.alone
+        without = changes['group' if anywhere else 'kind']
+        moved = np.einsum('np,pn->n', without, slopes)
+        moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
-        standing = _standing(rest, added, moved, moved_own, groups, kinds, cells, converters, free)
+        testable = anywhere or _largest_share(added, kinds) < LIMITS.one_kind
+        clean = _clean(left_over, as_measured(alone), cells) & ~converters
+        standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
         left = _left_of_range(fitting, fitted, others) if by_range[number] else 0.0
-        found.append(dataclasses.replace(standing, left=left, inflated=inflations[number]))
+        unexplained = _unexplained_signal(fitting, fitted.effects[number], left_over, as_measured(alone))
+        found.append(
+            dataclasses.replace(standing, left=left, unexplained=unexplained, inflated=inflations[number])
+        )
     return found
 
 
@@ -102,6 +121,27 @@ def _left_of_range(fitting: Fitting, fitted: Fitted, others: list[Effect]) -> fl
     rest = whitening(c.residual - fitted.template)[rows]
     added = whitening(fitted.template - (c.template(others) if others else 0.0))[rows]
     return float((rest @ rest - np.count_nonzero(rest)) / max(float(added @ added), 1e-30))
+
+
+def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return what is left of the amplitude of an effect's receivers over what it adds, 0 where not the noise shows it.
+
+    Args:
+        fitting: of the recording.
+        effect: of the explanation.
+        rest: what the explanation leaves, whitened as measured (n,).
+        added: what the effect adds to it, likewise.
+    """
+    c = fitting.comparison
+    total = max(float(added @ added), 1e-30)
+    noise = sum(float(np.sum(added[c.rows(kind)] ** 2)) for kind in c.kinds if kind.level == 'noise')
+    if noise < LIMITS.by_noise * total:
+        return 0.0
+    receivers = [i for i, name in enumerate(c.receivers) if effect.candidate.station in ('', name)]
+    # the first channels of the ramp are both stations' amplitudes
+    rows = [c.rows(k, i) for k in c.kinds if k.level == 'amplitude' or k.name == 'ramp' for i in receivers]
+    left = rest[np.concatenate(rows)]
+    return max(float(left @ left) - np.count_nonzero(left), 0.0) / total
 
 
 def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[float]:
@@ -147,15 +187,27 @@ def _of_uneven_converters(fitting: Fitting) -> np.ndarray:
     return found
 
 
-def _without_each_group(rest: np.ndarray, slopes: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """Return by how much the parameters change when each group is left out of the fit (G, P), to first order."""
+def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:
+    """Return the share of an effect's power that lies in the part which shows it best."""
+    by_part = np.bincount(parts, added**2)
+    return float(by_part.max() / max(by_part.sum(), 1e-30))
+
+
+def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Return by how much the parameters change when each part is left out of the fit (parts, P), to first order."""
     normal = slopes @ slopes.T
     changes = []
-    for group in range(groups.max() + 1):
-        inside = slopes[:, groups == group]
+    for part in range(parts.max() + 1):
+        inside = slopes[:, parts == part]
         inverse = scaled_inverse(normal - inside @ inside.T)
-        changes.append(-inverse @ (inside @ rest[groups == group]))
+        changes.append(-inverse @ (inside @ rest[parts == part]))
     return np.array(changes)
+
+
+def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return which numbers lie in cells that an effect explains but for a small rest (n,)."""
+    power, excess = np.bincount(cells, added**2), np.bincount(cells, rest**2 - (rest != 0.0))
+    return (np.maximum(excess, 0.0) < LIMITS.clean * power)[cells]
 
 
 def _standing(
@@ -165,37 +217,34 @@ def _standing(
     moved_own: np.ndarray,
     groups: np.ndarray,
     kinds: np.ndarray,
-    cells: np.ndarray,
-    converters: np.ndarray,
+    clean: np.ndarray,
     free: int,
+    testable: bool,
 ) -> Standing:
     """Return how well an effect stands by itself; arrays (n,), whitened.
 
     Args:
         rest: what the explanation leaves.
         added: what the effect adds to it.
-        moved: by how much the explanation changes in each group when it is fitted without this group.
+        moved: by how much the explanation changes in each part when it is fitted without this part.
         moved_own: the same by the effect's own parameters alone.
         groups: number of each number's group.
         kinds: of its kind and station.
-        cells: of its cell.
-        converters: which numbers an uneven ADC may have made.
+        clean: which numbers can be evidence.
         free: parameters of the effect.
+        testable: whether more than one part shows the effect.
     """
     gain = (rest + added) ** 2 - rest**2
     left = rest - moved
     predicted = (left + added + moved_own) ** 2 - left**2
     total = max(float(gain.sum()), 1e-30)
-    power, excess = np.bincount(cells, added**2), np.bincount(cells, rest**2 - (rest != 0.0))
-    clean = (np.maximum(excess, 0.0) < LIMITS.clean * power)[cells] & ~converters
-    by_group = np.bincount(groups, added**2)
     return Standing(
         over_groups=_unevenness(rest, added, groups),
         over_kinds=_unevenness(rest, added, kinds),
         predicted=float(predicted.sum()) / total,
         evidence=float(gain[clean].sum()) / total,
         probability=float(stats.chi2.sf(max(float(gain[clean].sum()), 0.0), free)),
-        testable=bool(by_group.max() < LIMITS.alone * by_group.sum()),
+        testable=testable,
         gain=total,
     )
 

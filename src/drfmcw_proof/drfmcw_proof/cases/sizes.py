@@ -185,10 +185,11 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
         olds, news = _turned(before, s, rows), _turned(after, s, rows)
         old, new = np.mean(olds, axis=0), np.mean(news, axis=0)
         # where a chirp is off, a filter's response to its edge is no line whose change could be measured
-        on = np.logical_and(*(np.abs(x) > _OFF * np.abs(x).max(axis=1, keepdims=True) for x in (old, new)))
+        was_on, stays_on = (np.abs(x) > _OFF * np.abs(x).max(axis=1, keepdims=True) for x in (old, new))
+        on = was_on & stays_on
         ratio = np.where(on, new / np.where(on, old, 1.0), 1.0)
         smooth = np.log(np.abs(ratio)) + 1j * np.unwrap(np.angle(ratio), axis=1)
-        smooth = np.where(on, smooth, 0.0)
+        smooth = np.where(on, smooth, np.where(was_on, -1.0, 0.0))  # where a chirp is now off, all of the line is gone
         pair = [smooth, smooth]
         is_heard = _is_heard(before, after, s)
         turning = [is_heard and any(station == s for *_, station in scene.own_phases) for scene in (before, after)]
@@ -204,7 +205,7 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
             found.append(differences)
         first.append(pair[0])
         again.append(pair[1])
-        supports.append(on)
+        supports.append(was_on)
     return _Changes(
         first, again, np.array(supports), own if after.own_phases else None, own_before if before.own_phases else None
     )

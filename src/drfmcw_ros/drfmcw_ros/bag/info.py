@@ -35,7 +35,8 @@ def describe(path: str) -> dict[str, Any]:
         calibrations: list[dict[str, Any]] = []
         for topic, _, message in bag.messages(settings_topics):
             if split_station_topic(topic)[1] == 'sweep_config':
-                sweeps.append(dataclasses.asdict(from_message(message, SweepSettings)))
+                settings = from_message(message, SweepSettings)
+                sweeps.append({name: value for name, value in dataclasses.asdict(settings).items() if name != 'cut'})
             else:
                 calibrations.append(dataclasses.asdict(from_message(message, Calibration)))
         recorded = {c.topic: {'type': c.msgtype, 'messages': c.msgcount} for c in bag.connections}

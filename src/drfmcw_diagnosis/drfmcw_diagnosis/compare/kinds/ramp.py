@@ -101,11 +101,11 @@ class Flutter(_OfChannels):
         return np.maximum(result, 0.0)
 
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
-        """Return variances as standard normals: of a standing target, where slow changes do not move them."""
+        """Return variances as standard normals, of the terms that slow changes do not move."""
         freedom = recorded.freedom[:, None, None]
         over = (gaussian(values, freedom) - gaussian(np.ones(1), freedom)) / SCATTER.flutter_spread
         terms = np.arange(values.shape[-1])
-        compared = recorded.standing[:, None, None] & (terms >= SCATTER.steady) & recorded.scatters
+        compared = (terms >= SCATTER.steady) & recorded.scatters
         return np.where(compared, over, 0.0)
 
     def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
@@ -116,7 +116,7 @@ class Flutter(_OfChannels):
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
-        if explained.distorting or explained.bursting:
+        if explained.bursting:
             return np.full(len(size), np.inf)
         freedom = explained.recorded.freedom[:, None, None]
         ratio = 1.0 + maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
@@ -170,13 +170,13 @@ def _trend(variance: np.ndarray) -> np.ndarray:
     basis = np.polynomial.chebyshev.chebvander(2.0 * term / term[-1] - 1.0, SCATTER.trend_degree)
     result = np.empty(variance.shape)
     for row, values in enumerate(np.log(np.maximum(variance, 1e-300))):
-        kept = np.arange(len(values)) >= SCATTER.steady
+        kept = np.arange(len(values)) >= SCATTER.trend_from
         for _ in range(SCATTER.trend_rounds):
             coefficients = np.linalg.lstsq(basis[kept], values[kept], rcond=None)[0]
             above = values - basis @ coefficients
             kept &= above < SCATTER.trend_above * above[kept].std()
         result[row] = basis @ coefficients
-    result[:, : SCATTER.steady] = result[:, SCATTER.steady, None]  # the fit leaves these terms out
+    result[:, : SCATTER.trend_from] = result[:, SCATTER.trend_from, None]  # the fit leaves these terms out
     return np.exp(result)
 
 

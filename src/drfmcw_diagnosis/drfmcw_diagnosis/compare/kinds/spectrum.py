@@ -1,4 +1,4 @@
-"""The spectrum beside the stations' own lines: further narrow lines, and the mean of the samples over the sweep."""
+"""What else is in the IF: narrow lines, the mean of the samples over the sweep, and when the signal begins and ends."""
 
 import dataclasses
 
@@ -107,6 +107,24 @@ class Baseline(Kind):
         return Plotted(_middles(shown.recorded), *values, self.unit, at_distance(shown))
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ends(Kind):
+    """Samples before the signal begins and before it ends (G, S, 2)."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group."""
+        values, std = _averaged(evidence, self.name)
+        return values, np.hypot(std, SCATTER.least_end)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return when the signals of simulated sweeps begin and end."""
+        return expected.features.ends
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the time in the sweep [s]."""
+        return np.array(_window(recorded)), np.sum(z.reshape(-1, 2) ** 2, axis=0)
+
+
 def _averaged(evidence: Evidence, feature: str) -> Measured:
     """Return means over each group of a feature, and their standard deviations: by the scatter, or by white noise."""
     if evidence.recorded.scatters:
@@ -162,4 +180,12 @@ BASELINE = Baseline(
     unit='LSB',
     averages=True,
     scatter_freedom=1,
+)
+ENDS = Ends(
+    name='ends',
+    level='if_samples',
+    axis='ramp_time',
+    label='begin and end of the signal',
+    unit='samples',
+    averages=True,
 )
