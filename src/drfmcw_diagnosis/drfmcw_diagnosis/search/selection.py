@@ -124,7 +124,7 @@ def forward(
 
 def _far_beyond_chance(search: Search, misfit: float) -> bool:
     """Return whether a misfit is far beyond chance; never, where what is unexplained counts as noise."""
-    return misfit > SELECTION.beyond * np.count_nonzero(search.comparison.residual)
+    return misfit > SELECTION.beyond * float(np.count_nonzero(search.comparison.residual))
 
 
 def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:
