@@ -23,6 +23,7 @@ from drfmcw_sim.effects import Effect
 
 from ..compare.algebra import scaled_inverse
 from .fitting import Fitted, FittedEffect, Fitting, cells_of, series_of
+from .leftovers import Leftover, leftovers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +34,7 @@ class StandingLimits:
     over_kinds: float = 0.2  # the same from kind to kind [1]
     predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
+    left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
     probability: float = 1e-4  # chance of the gain in clean cells, at most [1]
@@ -90,6 +92,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
     converters = _of_uneven_converters(fitting)
     changes = {name: _without_each(rest, slopes, parts)[parts] for name, parts in (('group', groups), ('kind', kinds))}
+    significant = [x for x in leftovers(fitting, fitted) if x.probability < LIMITS.left_over]
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     found = []
@@ -104,6 +107,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         free = own.stop - own.start
         testable = anywhere or _largest_share(added, kinds) < LIMITS.one_kind
         clean = _clean(left_over, as_measured(alone), cells) & ~converters
+        clean &= ~_in_doubt(fitting, significant, left_over, as_measured(alone))
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
         left = _left_of_range(fitting, fitted, others) if by_range[number] else 0.0
         unexplained = _unexplained_signal(fitting, fitted.effects[number], left_over, as_measured(alone))
@@ -208,6 +212,21 @@ def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray
     """Return which numbers lie in cells that an effect explains but for a small rest (n,)."""
     power, excess = np.bincount(cells, added**2), np.bincount(cells, rest**2 - (rest != 0.0))
     return (np.maximum(excess, 0.0) < LIMITS.clean * power)[cells]
+
+
+def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """Return which numbers are of a kind, at a station, of which much is left beside what an effect explains (n,).
+
+    A step is left in the ramp where two ripples imitate it, though no single cell shows it.
+    """
+    found = np.zeros(len(rest), bool)
+    for left in significant:
+        rows = fitting.comparison.entries.where(kind=left.kind, station=left.station)
+        of_event = float(stats.chi2.isf(max(left.probability, 1e-300), 1))
+        excess = max(float(rest[rows] @ rest[rows]) - np.count_nonzero(rest[rows]), of_event)
+        if excess > LIMITS.clean * float(added[rows] @ added[rows]):
+            found |= rows
+    return found
 
 
 def _standing(

@@ -341,7 +341,7 @@ def plans(extent: str = 'full', seed: int = 1, counts: Counts = FULL) -> tuple[P
     """Return the cases of a proof.
 
     Args:
-        extent: 'quick', a dozen of 14 x 8 sweeps, or 'full', of 14 x 24.
+        extent: 'quick', a dozen of 10 x 8 sweeps, or 'full', of 14 x 24.
         seed: from which everything follows.
         counts: of the full list.
 
@@ -370,7 +370,7 @@ Builder = Callable[[str, np.random.Generator], Plan]
 
 
 def _quick() -> Iterator[Builder]:
-    small = Extent(14, 8)
+    small = Extent(10, 8)
     for kind in ('right', 'bump'):
         yield partial(_null, kind=kind, extent=small)
     for effect in ('sweep_ripple', 'echo', 'reference_clock_temperature', 'spur', 'delay_temperature', 'noise_floor'):
