@@ -112,7 +112,7 @@ def _what(run: Run, records: Sequence[Record]) -> str:
         text += '\n\n**The code was changed while this ran**: cases were diagnosed by different versions.'
     if run.extent == 'quick':
         text += (
-            '\n\n**This is a quick run, of small recordings (14 x 8 sweep pairs). The full proof (`./drfmcw prove`) '
+            '\n\n**This is a quick run, of small recordings (10 x 8 sweep pairs). The full proof (`./drfmcw prove`) '
             'has not been run.** So few cases show that the chain works and where it fails; they measure no rate. '
             f'`./drfmcw prove --quick` ends with status 1 if fewer than {run.quick_share:.0%} are right.'
         )
