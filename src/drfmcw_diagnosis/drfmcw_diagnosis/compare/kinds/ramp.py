@@ -101,11 +101,15 @@ class Flutter(_OfChannels):
         return np.maximum(result, 0.0)
 
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
-        """Return variances as standard normals, of the terms that slow changes do not move."""
+        """Return variances as standard normals, of the terms that slow changes do not move.
+
+        Where a station hears itself, what moves in its scene changes more of them.
+        """
         freedom = recorded.freedom[:, None, None]
         over = (gaussian(values, freedom) - gaussian(np.ones(1), freedom)) / SCATTER.flutter_spread
         terms = np.arange(values.shape[-1])
-        compared = (terms >= SCATTER.steady) & recorded.scatters
+        first = SCATTER.trend_from if recorded.topology.hears_itself else SCATTER.steady
+        compared = (terms >= first) & recorded.scatters
         return np.where(compared, over, 0.0)
 
     def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:

@@ -112,8 +112,13 @@ class Ends(Kind):
     """Samples before the signal begins and before it ends (G, S, 2)."""
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the mean over each group."""
+        """Return the mean over each group; nothing of a station that hears itself, whose line has one phase throughout.
+
+        Then the line's image, which random phases average out, moves the ends.
+        """
         values, std = _averaged(evidence, self.name)
+        if evidence.recorded.topology.hears_itself:
+            return values, np.full_like(std, np.inf)
         return values, np.hypot(std, SCATTER.least_end)
 
     def predicted(self, expected: Expected) -> np.ndarray:
