@@ -70,14 +70,14 @@ def test_station_and_fusion_go_through_their_states(tmp_path):
         assert monitor.count_publishers('/master/beat_frequency') == 0
         assert monitor.count_publishers('/master/slave/range') == 0
         assert not change(live, MASTER, ACTIVATE), 'not before it is configured, and it says so'
+        key = 'fusion', '/fusion: Pairing'
         for round_number in (1, 2):
             for node in (MASTER, '/fusion'):
                 assert change(live, node, CONFIGURE)
                 assert state(live, node) == INACTIVE
             live.wait(lambda: monitor.count_publishers('/master/slave/range') == 1, 'the topics')
             assert rests(live, lambda: len(beats['master']), lambda: len(beats['slave']))
-            live.wait(lambda: '/fusion: Pairing' in {n for _, n in live.diagnostics}, 'diagnostics')
-            assert live.diagnostics['fusion', '/fusion: Pairing'].message == 'inactive'
+            live.wait(lambda: key in live.diagnostics and live.diagnostics[key].message == 'inactive', 'diagnostics')
             assert change(live, MASTER, ACTIVATE)
             assert rests(live, lambda: monitor.total, lambda: len(beats['master']))
             assert change(live, '/fusion', ACTIVATE)

@@ -52,7 +52,7 @@ def test_a_ramp_bent_over_the_band_is_one_effect(tmp_path):
 
 
 def test_a_slow_modulation_shows_beside_a_distortion(tmp_path):
-    """The recording is fixed, so nothing is by chance; which synthesiser hums, the data need not tell."""
+    """The recording is fixed, so nothing is by chance; which synthesiser hums, the data need not show."""
     effects = [
         {'effect': 'second_order_distortion', 'station': 'slave', 'second_order': 0.5},
         {'effect': 'frequency_modulation', 'station': 'slave', 'deviation': 400.0, 'rate': 1700.0},

@@ -152,7 +152,7 @@ class _Sweeps(Measurement):
         spread = self.spread(made)
         for kind in comparison.kinds:
             known = not kind.needs_conditions or np.isfinite(comparison.std[kind.name]).any()
-            if not known and (not kind.needs_reference or conditions.referenced):
+            if kind.rounded or (not known and (not kind.needs_reference or conditions.referenced)):
                 spread[made.rows(kind)] = np.inf
 
         def show(effects: Effects) -> np.ndarray:

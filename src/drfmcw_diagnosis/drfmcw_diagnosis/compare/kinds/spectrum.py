@@ -192,5 +192,5 @@ ENDS = Ends(
     axis='ramp_time',
     label='begin and end of the signal',
     unit='samples',
-    averages=True,
+    rounded=True,
 )
