@@ -172,12 +172,12 @@ def test_a_case_is_sealed_before_it_is_recorded_and_has_the_same_bytes_again(tmp
     modes = len({m.mode for topic, _, m in messages if topic.endswith('sweep_config')})
     for station in ('master', 'slave'):
         assert counts[f'/{station}/if_samples'] == 20
-        assert counts[f'/{station}/status'] == 14
+        assert counts[f'/{station}/status'] == 10
         assert counts[f'/{station}/sweep_config'] == modes == 2
         assert counts[f'/{station}/calibration'] == 1
-    assert counts['/reference/range'] == 28
+    assert counts['/reference/range'] == 20
     samples = [m for topic, _, m in messages if topic == '/slave/if_samples']
-    assert [m.sweep_id for m in samples] == list(range(28))
+    assert [m.sweep_id for m in samples] == list(range(20))
     assert all(len(m.samples) == 2048 and not m.iq for m in samples)
     with pytest.raises(ValueError, match='beside'):
         cases.conceal_case(plan, tmp_path / 'c', tmp_path / 'c')

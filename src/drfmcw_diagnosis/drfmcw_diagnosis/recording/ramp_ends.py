@@ -24,7 +24,7 @@ def silent_ends(sweeps: tuple[SweepSettings, ...], samples: tuple[np.ndarray | N
     for sweep, x in zip(sweeps, samples, strict=True):
         if x is None or not len(x):
             continue
-        power = np.abs(x.astype(np.float32)) ** 2
+        power = np.abs(x * np.float32(1.0)) ** 2
         usual = power.mean(axis=1, keepdims=True)
         power = uniform_filter1d((power / np.maximum(usual, 1e-30)).mean(axis=0), ENDS.smooth, mode='nearest')
         present = np.flatnonzero(power > ENDS.silent * np.median(power))
