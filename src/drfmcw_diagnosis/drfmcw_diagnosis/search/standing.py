@@ -38,8 +38,7 @@ class StandingLimits:
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
     probability: float = 1e-4  # chance of the gain in clean cells, at most [1]
-    alone: float = 0.98  # share of its power in one group above which no other group can confirm it [1]
-    one_kind: float = 0.9  # the same in one kind of number, where one group alone shows it [1]
+    alone: float = 0.98  # share of its power in one part above which no other part can confirm it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what an effect that the range alone shows explains of it, at most [1]
@@ -105,7 +104,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
-        testable = anywhere or _largest_share(added, kinds) < LIMITS.one_kind
+        testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, as_measured(alone), cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, as_measured(alone))
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
