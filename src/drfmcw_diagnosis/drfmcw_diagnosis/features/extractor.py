@@ -44,7 +44,7 @@ from drfmcw_physics.sweep import SweepSettings
 
 from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
-from . import adc_codes, coherence
+from . import adc_codes, coherence, signal_ends
 from .limits import SIDEBANDS, SPECTRUM
 
 
@@ -242,7 +242,13 @@ class Extractor:
             ramp, amplitude = self._ramp(base)
             beat, delay = self._delay(lines)
             mean = self._means(samples, [w[:, None] for w in self._weights])
-            ends = self._ends(samples, lines)
+            ends = np.stack(
+                [
+                    signal_ends.measured(as_complex(x.astype(np.float32), self.topology.iq), at, s.sweep)
+                    for x, at, s in zip(samples, lines, self.estimator.stations, strict=True)
+                ],
+                axis=1,
+            )
             baseline = self._means(samples, self._spans)
         stations = self.estimator.stations
         of_stations = tuple(
@@ -266,27 +272,6 @@ class Extractor:
             for x, w in zip(samples, weights, strict=True)
         ]
         return np.stack(means, axis=1)
-
-    def _ends(self, samples: tuple[np.ndarray, ...], lines: np.ndarray) -> np.ndarray:
-        """Return how many samples come before the signal begins, and before it ends (n, S, 2).
-
-        The line is summed over the samples about an end, and over as many inside: their ratio is the share of the
-        former in which there is a signal. Nothing later than the last sample is seen.
-        """
-        found = []
-        for x, frequency, station in zip(samples, lines, self.estimator.stations, strict=True):
-            first, end = (round(t * station.sweep.sample_rate) for t in station.sweep.analysis_window())
-            count, last = SPECTRUM.edge_samples, end - SPECTRUM.edge_inside
-            before = max(first - count, 0)
-            whole, cycles = as_complex(x.astype(np.float32), self.topology.iq), frequency / station.sweep.sample_rate
-            outside, inside, latest, after = (
-                _line_sum(whole[:, a:b], cycles)
-                for a, b in ((before, first), (first, first + count), (last - count, last), (last, last + count))
-            )
-            begins = first - count * outside / np.maximum(inside, 1e-9)
-            ends = last + count * after / np.maximum(latest, 1e-9)
-            found.append(np.stack([begins, ends], axis=1))
-        return np.stack(found, axis=1)
 
     def _ramp(self, base: Basebands) -> tuple[np.ndarray, np.ndarray]:
         """Return `ramp` and `amplitude` of sweeps, see `SweepFeatures`."""
@@ -404,12 +389,6 @@ class Extractor:
             shares.append(Share(beat, sweep, calibration))
         first, second = shares
         return combine(first, second)
-
-
-def _line_sum(samples: np.ndarray, cycles: np.ndarray) -> np.ndarray:
-    """Return the magnitude of the sum of a line over samples (n, N), by its cycles per sample (n,): (n,)."""
-    turn = coherence.phasor(-cycles[:, None] * np.arange(samples.shape[1]))
-    return np.abs(np.einsum('ij,ij->i', samples, turn))
 
 
 def spans(sweep: SweepSettings) -> np.ndarray:

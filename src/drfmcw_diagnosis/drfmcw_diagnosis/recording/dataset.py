@@ -29,7 +29,7 @@ from drfmcw_sim.nominal import link_budget, nominal_measurements
 from .conditions import WEATHER, Conditions
 from .grouping import groups, slopes
 from .limits import GROUPS, LINES
-from .ramp_ends import settled
+from .ramp_ends import without_silent_ends
 from .topology import Topology
 
 _LINE = ('frequency', 'frequency_std', 'phase', 'power')  # fields of Beat and of Lines
@@ -333,7 +333,7 @@ def assembled(
         lacking=conditions.lacking(stations),
     )
     if not dataset.topology.hears_itself:
-        kept = settled(dataset.sweeps, dataset.setting, dataset.samples, dataset.iq)
+        kept = without_silent_ends(dataset.sweeps, dataset.setting, dataset.samples, dataset.iq)
         dataset = dataclasses.replace(dataset, sweeps=kept)
     if any(dataset.noise_measured):
         dataset = _with_measured_noise(dataset)

@@ -40,7 +40,7 @@ def silent_ends(sweeps: tuple[SweepSettings, ...], samples: tuple[np.ndarray | N
     return float(left_out[0]), float(left_out[1])
 
 
-def settled(
+def without_silent_ends(
     sweeps: tuple[tuple[SweepSettings, ...], ...], setting: np.ndarray, samples: tuple[np.ndarray | None, ...], iq: bool
 ) -> tuple[tuple[SweepSettings, ...], ...]:
     """Return distinct settings without the ends of a ramp at which nothing is received, the same of all.

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from scipy import stats
 
 from ..compare.kinds.chances import Remainder, combined
 from .fitting import Fitted, Fitting
@@ -17,17 +18,28 @@ class Leftover:
     probability: float  # of so much by chance
     excess: float  # of squared whitened residuals over their number
 
+    def at_least(self, excess: float) -> float:
+        """Return an excess, or that which the chance stands for: an event, a step for instance, may hide in a sum."""
+        return max(excess, float(stats.chi2.isf(max(self.probability, 1e-300), 1)))
 
-def leftovers(fitting: Fitting, fitted: Fitted | None) -> list[Leftover]:
+
+def leftovers(fitting: Fitting, fitted: Fitted | None, slopes: np.ndarray | None = None) -> list[Leftover]:
     """Return what each kind of number still holds, least probable first.
 
     What the forward models may be off by counts as noise, see `Fitting.doubt`. What is unknown does not: it is left.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation, None for none.
+        slopes: of its parameters, see `Fitting.slopes`; None: computed.
     """
     c = fitting.comparison
     template = fitted.template if fitted else np.zeros(len(c.residual))
     whitening = fitting.whitening_of(fitted, with_unknown=False)
     weight, rest = whitening.weight, whitening(c.residual - template)
-    slopes = whitening(fitting.slopes(fitted)) if fitted else np.zeros((0, len(rest)))
+    if slopes is None:
+        slopes = fitting.slopes(fitted) if fitted else np.zeros((0, len(rest)))
+    slopes = whitening(slopes)
     found = []
     usual = int(np.median([len(m) for m in c.members]))
     for kind, station in c.series():

@@ -19,8 +19,6 @@ import dataclasses
 import numpy as np
 from scipy import stats
 
-from drfmcw_sim.effects import Effect
-
 from ..compare.algebra import scaled_inverse
 from .fitting import Fitted, FittedEffect, Fitting, cells_of, series_of
 from .leftovers import Leftover, leftovers
@@ -85,45 +83,56 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     entries = fitting.comparison.entries
     whitening = fitting.whitening
     as_measured = fitting.whitening_of(fitted, with_unknown=False)  # nothing is clean because it counts as noise
-    unexplained = fitting.comparison.residual - fitted.template
-    rest, left_over = whitening(unexplained), as_measured(unexplained)
-    slopes = whitening(fitting.slopes(fitted))
+    residual = fitting.comparison.residual - fitted.template
+    rest, left_over = whitening(residual), as_measured(residual)
+    derivatives = fitting.slopes(fitted)
+    slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
     converters = _of_uneven_converters(fitting)
     changes = {name: _without_each(rest, slopes, parts)[parts] for name, parts in (('group', groups), ('kind', kinds))}
-    significant = [x for x in leftovers(fitting, fitted) if x.probability < LIMITS.left_over]
+    significant = [x for x in leftovers(fitting, fitted, derivatives) if x.probability < LIMITS.left_over]
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
         alone = fitted.template - (fitting.comparison.template(others) if others else 0.0)
-        added = whitening(alone)
+        added, measured = whitening(alone), as_measured(alone)
         anywhere = _largest_share(added, groups) < LIMITS.alone
         without = changes['group' if anywhere else 'kind']
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
         testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
-        clean = _clean(left_over, as_measured(alone), cells) & ~converters
-        clean &= ~_in_doubt(fitting, significant, left_over, as_measured(alone))
+        clean = _clean(left_over, measured, cells) & ~converters
+        clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
-        left = _left_of_range(fitting, fitted, others) if by_range[number] else 0.0
-        unexplained = _unexplained_signal(fitting, fitted.effects[number], left_over, as_measured(alone))
         found.append(
-            dataclasses.replace(standing, left=left, unexplained=unexplained, inflated=inflations[number])
+            dataclasses.replace(
+                standing,
+                left=_left_of_range(fitting, left_over, measured) if by_range[number] else 0.0,
+                unexplained=_unexplained_signal(fitting, fitted.effects[number], left_over, measured),
+                inflated=inflations[number],
+            )
         )
     return found
 
 
-def _left_of_range(fitting: Fitting, fitted: Fitted, others: list[Effect]) -> float:
-    """Return the rest of the range over what an effect beside `others` explains of it, as measured noise has it."""
+def _excess(rest: np.ndarray) -> float:
+    """Return by how much the squares of whitened numbers exceed their expectation; zeros are not compared."""
+    return float(rest @ rest) - np.count_nonzero(rest)
+
+
+def _of_level(fitting: Fitting, level: str) -> np.ndarray:
+    """Return where the numbers of all kinds of a level stand."""
     c = fitting.comparison
-    whitening = fitting.whitening_of(fitted, with_unknown=False)
-    rows = np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == 'range'])
-    rest = whitening(c.residual - fitted.template)[rows]
-    added = whitening(fitted.template - (c.template(others) if others else 0.0))[rows]
-    return float((rest @ rest - np.count_nonzero(rest)) / max(float(added @ added), 1e-30))
+    return np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == level])
+
+
+def _left_of_range(fitting: Fitting, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return the rest of the range over what an effect explains of it; arguments as `_unexplained_signal`."""
+    rows = _of_level(fitting, 'range')
+    return _excess(rest[rows]) / max(float(added[rows] @ added[rows]), 1e-30)
 
 
 def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
@@ -137,14 +146,13 @@ def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray
     """
     c = fitting.comparison
     total = max(float(added @ added), 1e-30)
-    noise = sum(float(np.sum(added[c.rows(kind)] ** 2)) for kind in c.kinds if kind.level == 'noise')
-    if noise < LIMITS.by_noise * total:
+    noise = added[_of_level(fitting, 'noise')]
+    if float(noise @ noise) < LIMITS.by_noise * total:
         return 0.0
     receivers = [i for i, name in enumerate(c.receivers) if effect.candidate.station in ('', name)]
     # the first channels of the ramp are both stations' amplitudes
     rows = [c.rows(k, i) for k in c.kinds if k.level == 'amplitude' or k.name == 'ramp' for i in receivers]
-    left = rest[np.concatenate(rows)]
-    return max(float(left @ left) - np.count_nonzero(left), 0.0) / total
+    return max(_excess(rest[np.concatenate(rows)]), 0.0) / total
 
 
 def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[float]:
@@ -172,10 +180,9 @@ def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
     """Return whether an effect, alone, shows in the range and in nothing else."""
     if effect.candidate.acts:
         return False
-    c = fitting.comparison
-    added = fitting.whitening.weight * c.template([effect.build()])
-    power = sum(float(np.sum(added[c.rows(kind)] ** 2)) for kind in c.kinds if kind.level == 'range')
-    return power > LIMITS.by_range * float(added @ added)
+    added = fitting.whitening.weight * fitting.comparison.template([effect.build()])
+    of_range = added[_of_level(fitting, 'range')]
+    return float(of_range @ of_range) > LIMITS.by_range * float(added @ added)
 
 
 def _of_uneven_converters(fitting: Fitting) -> np.ndarray:
@@ -221,9 +228,7 @@ def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, a
     found = np.zeros(len(rest), bool)
     for left in significant:
         rows = fitting.comparison.entries.where(kind=left.kind, station=left.station)
-        of_event = float(stats.chi2.isf(max(left.probability, 1e-300), 1))
-        excess = max(float(rest[rows] @ rest[rows]) - np.count_nonzero(rest[rows]), of_event)
-        if excess > LIMITS.clean * float(added[rows] @ added[rows]):
+        if left.at_least(_excess(rest[rows])) > LIMITS.clean * float(added[rows] @ added[rows]):
             found |= rows
     return found
 

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-from scipy import stats
 
 from .fitting import Fitted
 from .leftovers import Leftover, leftovers
@@ -118,6 +117,4 @@ def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:
     if not rows.any():  # ADC codes, on which no effect acts
         return False
     before, after = (float(np.sum((c.residual - t)[rows] ** 2)) - rows.sum() for t in (0.0, fitted.template))
-    # an event, a step for instance, may be significant in numbers whose sum is not
-    after = max(after, float(stats.chi2.isf(max(left.probability, 1e-300), 1)))
-    return after < LIMITS.adequate * before
+    return left.at_least(after) < LIMITS.adequate * before

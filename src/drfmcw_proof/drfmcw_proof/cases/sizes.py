@@ -196,8 +196,8 @@ def _changes(before: Scene, after: Scene, rows: np.ndarray) -> _Changes:
         if is_heard:
             heard = [_heard(before, after, s, rows, new.real, i, any(turning)) for i in (0, 1)]
             pair = [smooth + _relative(np.mean(changed - plain, axis=0), new, on) for plain, changed in heard]
-        for is_turning, found, which, turned in zip(turning, (own_before, own), (0, 1), (olds, news), strict=True):
-            mean = np.mean(turned, axis=0)
+        scenes = zip(turning, (own_before, own), (0, 1), (olds, news), (old, new), strict=True)
+        for is_turning, found, which, turned, mean in scenes:
             differences = np.zeros((_TURNS, *new.shape), complex)
             differences += np.where(on, (turned - mean) / np.where(on, mean, 1.0), 0.0)
             if is_turning:
