@@ -29,6 +29,11 @@ class PhaseNoise:
         """Single side-band density inside the loop, L(0) [1/Hz]."""
         return 10.0 ** (self.level / 10.0) * (1.0 + (LEVEL_OFFSET / self.corner) ** 2)
 
+    @property
+    def variance(self) -> float:
+        """Return the variance of the phase, the integral of `phase_density` over all offsets [rad^2]."""
+        return math.pi * self.corner * self.plateau
+
     def single_sideband(self, offset: Quantity) -> Any:
         """Return L(offset) [1/Hz], offset in Hz (IEEE Std 1139)."""
         return self.plateau / (1.0 + (np.asarray(offset) / self.corner) ** 2)
@@ -46,3 +51,20 @@ def combination_gain(frequency: Quantity, delay: Quantity) -> Any:
         delay: of the path [s].
     """
     return 4.0 * np.sin(np.pi * np.asarray(frequency) * delay) ** 2
+
+
+def coherent_loss(variance: Quantity) -> Any:
+    """Return by how much phase noise lowers the power of a line [dB]: |E exp(i phi)|^2 = exp(-variance).
+
+    Args:
+        variance: of the line's phase, of normal distribution [rad^2].
+    """
+    return 10.0 / math.log(10.0) * np.asarray(variance)
+
+
+def variance_after_delay(noise: PhaseNoise, delay: Quantity) -> Any:
+    """Return the variance of the phase of an oscillator mixed with itself a delay [s] later [rad^2].
+
+    The integral of `PhaseNoise.phase_density` times `combination_gain` over all offsets.
+    """
+    return -2.0 * noise.variance * np.expm1(-2.0 * math.pi * noise.corner * np.asarray(delay))

@@ -21,7 +21,7 @@ from drfmcw_physics.history import History
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import range_bias
-from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.phase_noise import PhaseNoise, combination_gain, variance_after_delay
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
 
 NOISE = PhaseNoise(-90.0, 200e3)
@@ -120,6 +120,16 @@ def test_bounds_are_those_of_the_reference_table(distance, start_delay, floor, h
         inverse = 1 / ratio / duration + 2 * float(image_noise_ratio(NOISE, line.frequency, duration, 2.048e6))
         variance += additive_std(1 / inverse, duration, 'hann') ** 2
     assert math.sqrt(variance) * per_hertz == pytest.approx(hann, rel=0.01, abs=0.006)
+
+
+@pytest.mark.parametrize('delay', [50e-9, 3.3e-6])
+def test_variance_of_a_phase_is_the_integral_of_its_density(delay):
+    """Alone, and mixed with itself a delay later, where the density ripples faster than the corner."""
+    offset = (np.arange(4_000_000) + 0.5) * 100.0  # to 400 MHz, beyond which 3e-4 of the variance lies
+    density = NOISE.phase_density(offset)
+    assert np.sum(density) * 100.0 == pytest.approx(NOISE.variance, rel=1e-3)
+    mixed = np.sum(density * combination_gain(offset, delay)) * 100.0
+    assert mixed == pytest.approx(variance_after_delay(NOISE, delay), rel=1e-2)
 
 
 def test_synchronised_single_station_suffers_from_its_phase_noise():

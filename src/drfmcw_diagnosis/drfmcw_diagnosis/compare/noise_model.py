@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drfmcw_node.estimators.noise import QUANTISATION
-from drfmcw_physics.phase_noise import combination_gain
+from drfmcw_physics.phase_noise import coherent_loss, combination_gain, variance_after_delay
 from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
 
@@ -102,6 +102,21 @@ class NoiseModel:
         if decisive not in self._known:
             self._known[decisive] = self._coherence(part, state, effects)
         return noise, self._known[decisive]
+
+    def loss(self, part: Part, state: Measurements) -> np.ndarray:
+        """Return by how much phase noise lowers the power of each group's lines (G, 1) [dB].
+
+        Args:
+            part: groups of one setting.
+            state: their conditions after effects.
+        """
+        oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
+        if not self._topology.hears_itself:
+            variance = np.full(len(part.groups), sum(o.variance for o in oscillators))
+        else:
+            variance = sum((variance_after_delay(o, state.paths[0].delay) for o in oscillators), np.zeros(1))
+        loss: np.ndarray = coherent_loss(np.broadcast_to(variance, len(part.groups)))[:, None]
+        return loss
 
     def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
         """Return to what the noise in bands is trusted (G, S, N) [dB]: less where a skirt rules.

@@ -122,6 +122,11 @@ class Expected:
         return self.model.noise.predicted(self.part, state, self.effects, self.features.line)
 
     @functools.cached_property
+    def amplitude(self) -> np.ndarray:
+        """Power of each line, of which phase noise takes a part (G, S) [dB of 1 LSB]."""
+        return self.features.amplitude - self.model.noise.loss(self.part, acted(self.part, self.effects))
+
+    @functools.cached_property
     def added(self) -> np.ndarray:
         """Power that effects add to each bin beside the lines (G, S, B) [LSB^2]."""
         added = np.maximum(self.features.power - self.plain.features.power, 0.0).astype(float)

@@ -47,8 +47,8 @@ class Amplitude(Kind):
         return evidence.mean('amplitude'), np.hypot(std / evidence.roots[:, None], MODEL.amplitude)
 
     def predicted(self, expected: Expected) -> np.ndarray:
-        """Return that of simulated sweeps."""
-        return expected.features.amplitude
+        """Return that of simulated sweeps, less what phase noise takes."""
+        return expected.amplitude
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
