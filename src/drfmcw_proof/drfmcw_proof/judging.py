@@ -215,6 +215,8 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
         unsigned = 'phase' in same['parameters']
         for name, value in truth['parameters'].items():
             several = value if isinstance(value, list) else None
+            if several and f'{name}[{len(several)}]' in same['parameters']:
+                continue  # another number of coefficients: each means something else
             for index, true in enumerate(several or [value]):
                 stated = same['parameters'].get(f'{name}[{index}]' if several else name)
                 if name == 'phase' or not stated or not stated['value'] or not stated['std']:

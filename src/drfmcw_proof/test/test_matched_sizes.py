@@ -151,7 +151,9 @@ def test_noise_is_whitened_to_unit_variance(distance):
     assert np.sum(squares[:, inner]) / (64 * np.sum(freedom[inner])) == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.parametrize('effect', ['echo', 'reference_clock_drift', 'phase_noise', 'clipping', 'slant_geometry'])
+@pytest.mark.parametrize(
+    'effect', ['echo', 'reference_clock_drift', 'phase_noise', 'clipping', 'slant_geometry', 'sweep_shape']
+)
 def test_effects_are_scaled_to_the_wanted_size(effect):
     random = np.random.default_rng(8)
     c = draws.random_condition(random, draws.Extent(5, 8), full_scale_power=-35.0)

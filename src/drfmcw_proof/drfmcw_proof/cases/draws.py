@@ -57,6 +57,11 @@ def random_condition(random: np.random.Generator, extent: Extent, **changes: Any
     return dataclasses.replace(condition, **changes)
 
 
+def _uneven(values: np.ndarray) -> np.ndarray:
+    """Return values less their mean: what is common to the coefficients of a shape changes nothing."""
+    return values - values.mean()
+
+
 def floats(values: np.ndarray) -> tuple[float, ...]:
     """Return plain numbers."""
     return tuple(float(v) for v in values)
@@ -106,7 +111,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         'sweep_rate': lambda: {'error': sign},
         'ramp_window': lambda: {'start': 1e-5},
         'frequency_modulation': lambda: {'deviation': 1.0, 'rate': between(1e3, 2e4)},
-        'sweep_shape': lambda: {'relative_rate': [1.001, 1.0, 0.9995, 1.0, 1.0005]},
+        'sweep_shape': lambda: {'relative_rate': floats(1.0 + _uneven(random.uniform(-1.0, 1.0, 5)))},
         'phase_noise': lambda: {'level': -90.0},
         'noise_floor': lambda: {'excess': 1.0},
         'amplitude_loss': lambda: {'loss': 1.0} if uniform() < 0.5 else {'specific': 1.0},

@@ -27,13 +27,17 @@ class Applied:
 
 @dataclasses.dataclass(frozen=True)
 class Size:
-    """How an effect is made larger: value of `parameter` at size s > 0, rising in effect from `lower` to `upper`."""
+    """How an effect is made larger: value of `parameter` at size s > 0, rising in effect from `lower` to `upper`.
+
+    A list keeps its proportions, as deviations from `neutral`; its largest deviation becomes the size.
+    """
 
     parameter: str
     value: Callable[[float], float | list[float]]
     start: float
     lower: float
     upper: float
+    neutral: float = 0.0  # value of a list's members without effect
 
 
 @dataclasses.dataclass(frozen=True)

@@ -200,7 +200,7 @@ def _frequency_modulation(scene: Scene, stations: tuple[int, ...], p: Parameters
         scene.hums[s].append((p['deviation'], p['rate'], (_HUM, number)))
 
 
-@kind('sweep_shape', 'station', {'relative_rate': '1'}, Size('relative_rate', _bowl, 1e-5, 1e-9, 0.5))
+@kind('sweep_shape', 'station', {'relative_rate': '1'}, Size('relative_rate', _bowl, 1e-5, 1e-9, 0.5, neutral=1.0))
 def _sweep_shape(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     ramp, k = scene.condition.ramp_duration, scene.condition.chirp_rate
     degree, weights = 3, np.asarray(p['relative_rate'], float)

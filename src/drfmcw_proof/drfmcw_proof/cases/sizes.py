@@ -433,8 +433,9 @@ def resized(template: Applied, size: float, condition: Condition) -> Applied:
         station = condition.names.index(template.station) if template.station else FIRST
         value = condition.stations[station].phase_noise_level + size
     elif isinstance(given, list | tuple):
-        largest = max(abs(v) for v in given)
-        value = [size * v / largest for v in given]
+        neutral = KINDS[template.effect].size.neutral
+        largest = max(abs(v - neutral) for v in given)
+        value = [neutral + size * (v - neutral) / largest for v in given]
     else:
         value = KINDS[template.effect].size.value(size)
         if isinstance(value, float) and given is not None and given < 0.0 < value:
