@@ -160,6 +160,9 @@ class SelectionLimits:
     beyond: float = 4.0
     """Misfit per number from which on a remainder is far beyond chance [1]; chosen."""
 
+    far_less: float = 0.3
+    """Share of a remainder far beyond chance that one effect in place of several must leave at most [1]; chosen."""
+
     hopeless: float = 0.5
     """Share of such a remainder in the misfit, beyond which exchanging effects is no use [1]; chosen."""
 
@@ -220,6 +223,9 @@ class ScanLimits:
 
     longest: float = 500.0
     """Excess range of an echo, at most [m]; chosen."""
+
+    shorter: tuple[float, ...] = (1.0, 0.7, 0.4)
+    """Dead times that are tried, over the one that the ends of the signals show [1]; chosen."""
 
     above_limit: tuple[float, ...] = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)
     """Limits that are tried where samples pile up, relative to these [dB]; chosen."""

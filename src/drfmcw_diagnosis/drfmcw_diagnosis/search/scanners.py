@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError, nearest
+from drfmcw_physics.sweep import Role
 from drfmcw_sim.effects import Recipe
 
 from ..compare.comparison import Comparison
@@ -400,13 +401,25 @@ def _begins_alike(c: Comparison, station: int, frequency: float) -> bool:
 
 
 def _ends(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
-    """Return when a station's signal begins or ends [s], where it does so later or earlier than the model's."""
+    """Return when a station's ramp begins or ends [s], where a receiver's signal does so at another time than expected.
+
+    Both receivers need this ramp: its own has it at once, the other a time of flight later on a clock of its own.
+    """
     last = int(recipe.scanned == 'end')
-    z = residual[c.entries.where(kind='ends', station=station)].reshape(len(c.members), 2)[:, last]
-    if stats.chi2.sf(z @ z, len(z)) > SCAN.suspicion or (z.sum() > 0.0) == bool(last):
-        return ()
-    rate = c.data.sweeps[0][c.heard[station]].sample_rate
-    return (float(np.mean(c.measured.ends[:, station, last])) / rate,)
+    found = []
+    for receiver in range(len(c.heard)):
+        z = residual[c.entries.where(kind='ends', station=receiver)].reshape(len(c.members), 2)[:, last]
+        if stats.chi2.sf(z @ z, len(z)) > SCAN.suspicion or (z.sum() > 0.0) == bool(last):
+            continue
+        sweep = c.data.sweeps[0][c.heard[receiver]]
+        time = c.measured.ends[:, receiver, last] / sweep.sample_rate
+        if receiver != station:
+            later = 1.0 if sweep.role == Role.FIRST else -1.0
+            time = time - [s.range.mean() / SPEED_OF_LIGHT for s in c.recorded.sweeps] - later * sweep.start_delay
+        clear = np.abs(z) > 0.5 * np.abs(z).max()  # elsewhere the receiver's own ramp may be the shorter one
+        straight = c.data.sweeps[0][c.heard[station]].ramp_duration if last else 0.0
+        found += [straight + share * (float(time[clear].mean()) - straight) for share in SCAN.shorter]
+    return found
 
 
 SCANNERS: dict[str, Scanner] = {
