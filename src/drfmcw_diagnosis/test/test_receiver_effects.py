@@ -19,6 +19,7 @@ OTHERS = {'receiver_settling': {'level': -55.0}}
         ('sweep_rate', 'slave', 'error', 1e-4),
         ('receiver_settling', 'master', 'time_constant', 1.5e-4),
         ('ramp_window', 'master', 'start', 8e-6),
+        ('ramp_window', 'master', 'start', 3.5e-6),
         ('ramp_window', 'master', 'end', 0.96e-3),
     ],
 )

@@ -18,6 +18,7 @@ from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.standing import standings
 from drfmcw_diagnosis.search.whitening import Whitening
+from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_sim.effects import Effect
 
 
@@ -59,8 +60,10 @@ def concealed(comparison, *effects):
 
 
 def fitted(fitting, effect, station, **start):
-    recipe = Effect.registry[effect].recipes[0]
-    return fitting.fit([(Candidate(effect, station, recipe, start), start)])
+    several = any('[' in name for name in start)
+    recipe = next(r for r in Effect.registry[effect].recipes if r.per_group == several)
+    candidate = Candidate(effect, station, recipe, start)
+    return fitting.fit([(candidate, start)])
 
 
 def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
@@ -75,6 +78,34 @@ def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'delay_offset', '', delay=0.01))
     assert not standing.stands
+
+
+def test_what_every_distance_has_of_its_own_is_confirmed_by_several_kinds_of_number(data):
+    """No distance predicts the velocity at another; Doppler shift, movement and range agree. Nothing is by chance."""
+    comparison = Comparison(data)
+    velocity = tuple(0.6 * (-1.0) ** group for group in range(len(comparison.members)))
+    fitting = concealed(comparison, Effect.registry['target_motion'](velocity=velocity))
+    start = {f'velocity[{group}]': 0.5 * v for group, v in enumerate(velocity)}
+    (standing,) = standings(fitting, fitted(fitting, 'target_motion', '', **start))
+    assert standing.stands and standing.predicted == pytest.approx(1.0, abs=0.05)
+
+
+def test_phase_noise_takes_power_from_the_line(data):
+    """What noisier oscillators add to the skirts is missing in both lines, as if the path lost it."""
+    comparison = Comparison(data)
+    noisy = PhaseNoise(-72.0, 2e5)
+    known = [PhaseNoise(c.phase_noise_level, c.phase_noise_corner) for c in data.calibration]
+    loss = 10.0 / np.log(10.0) * (2.0 * noisy.variance - sum(k.variance for k in known))
+    amplitude = comparison.entries.where(kind='amplitude')
+    by_noise, by_path = (
+        comparison.template([effect])[amplitude]
+        for effect in (
+            Effect.registry['phase_noise'](level=noisy.level, corner=noisy.corner),
+            Effect.registry['amplitude_loss'](loss=loss),
+        )
+    )
+    assert 0.1 < loss < 1.0
+    np.testing.assert_allclose(by_noise, by_path, rtol=0.02)
 
 
 def test_what_counts_as_noise_is_left_over_nevertheless(data):

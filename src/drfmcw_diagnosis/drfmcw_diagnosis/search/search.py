@@ -400,7 +400,9 @@ class Search(Fitting):
                     return None
                 return self.fit(begun.start, linearised=linearised)
 
-            for other in self._workers.map(refined, self._substitutes(rest, SEARCH.promised * goal, freedom)):
+            points = self._substitutes(rest, SEARCH.promised * goal, freedom)
+            points += self._elsewhere(fitted.effects[left_out], rest, points)
+            for other in self._workers.map(refined, points):
                 if other is None or not self.credible(other, rest.template):
                     continue
                 if other.keys == fitted.keys and other.free == fitted.free:
@@ -411,6 +413,16 @@ class Search(Fitting):
                 if known is None or other.misfit < known.misfit:
                     found[other.keys, other.free] = other
         return sorted([*found.values(), *elsewhere], key=lambda f: -f.evidence)
+
+    def _elsewhere(self, effect: FittedEffect, rest: Fitted, known: Sequence[tuple]) -> list[tuple[Candidate, dict]]:
+        """Return an effect as it is, at each other station of the pair where it is not among the starts known."""
+        own = effect.candidate
+        if own.acts:
+            return []  # what a receiver does to its samples shows at this receiver
+        tried = {candidate.key for candidate, _ in known}
+        stations = [s for s in self.comparison.data.stations if own.station not in ('', s)]
+        moved = [dataclasses.replace(own, station=s) for s in stations if (own.effect, s) not in tried]
+        return [(c, effect.values) for c in moved if self._is_other(c, effect.values, rest.effects)]
 
     def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
         """Return explanations with one effect of many coefficients for all that shape a chirp, best first.

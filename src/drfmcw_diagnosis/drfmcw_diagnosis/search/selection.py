@@ -36,9 +36,15 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
+        bent = _unified(search, current, false_alarm_rate)
+        if bent is not None:
+            grown, _, more = forward(search, bent, false_alarm_rate)
+            current = pruned(search, grown, false_alarm_rate) or bent
+            rounds += more
+            search.trust(current)
+            current = search.again(current)
         if _far_beyond_chance(search, current.misfit) and current.misfit > SELECTION.hopeless * search.misfit(0.0):
             break  # something unknown hides everything else
-        current = _unified(search, current, false_alarm_rate)
         if len(current.effects) == SELECTION.most and leftovers(search, current)[0].probability < false_alarm_rate:
             break  # one exchange more or less makes no explanation of it
         search.report('rivals', 0.9)
@@ -56,18 +62,21 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     return Found(current, significance, rounds, exchanged)
 
 
-def _unified(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted:
-    """Return an explanation in which one effect takes the place of all that shape a chirp, where it explains the rest.
+def _unified(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted | None:
+    """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
-    A ramp whose rate changes over the band resembles several small errors of a straight one.
+    A ramp whose rate changes over the band resembles several small errors of a straight one. In the place of one effect
+    it must explain the rest, since it follows much.
     """
     bent = any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
     for other in search.unified(current, 1 if bent else 2):
         if other.evidence < current.evidence + SELECTION.better:
             break
+        if len(other.effects) < len(current.effects):
+            return other
         if leftovers(search, other)[0].probability >= false_alarm_rate:
             return other
-    return current
+    return None
 
 
 def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm_rate: float) -> Fitted | None:
@@ -118,8 +127,22 @@ def forward(
         beside_others = current is not None and len(current.effects) > 1
         if beside_others and _far_beyond_chance(search, before) and gain < SELECTION.hopeful * before:
             break
-        current = search.relocated(best)
+        current = _bent(search, search.relocated(best))
     return current, significance, rounds
+
+
+def _bent(search: Search, current: Fitted) -> Fitted:
+    """Return an explanation with one effect for several that shape a chirp, where these leave far more of a large rest.
+
+    Strong effects are found one by one, each in part an imitation: a ramp that is bent all over would end as many.
+    """
+    shaping = sum(e.candidate.kind.shapes_chirp for e in current.effects)
+    if shaping < 2 or not current.effects[-1].candidate.kind.shapes_chirp:
+        return current
+    if not _far_beyond_chance(search, current.misfit):
+        return current
+    best = min(search.unified(current, 2), key=lambda f: f.misfit, default=current)
+    return best if best.misfit < SELECTION.far_less * current.misfit else current
 
 
 def _far_beyond_chance(search: Search, misfit: float) -> bool:

@@ -7,8 +7,9 @@ station in one group of sweeps. What one group alone shows, as clipping where th
 distance can confirm; then one kind of number must predict the other.
 
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
-So an effect of that kind is also in doubt where it leaves much of the range's error unexplained, and where others of
-that kind, which may nearly cancel it, make it many times less certain than it would be without them.
+So an effect of that kind is also in doubt where it leaves much of the range's error unexplained, measured by what it
+explains and the others cannot follow, and where others of that kind, which may nearly cancel it, make it many times
+less certain than it would be without them.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
 a receiver's gain changes both.
@@ -20,7 +21,7 @@ import numpy as np
 from scipy import stats
 
 from ..compare.algebra import scaled_inverse
-from .fitting import Fitted, FittedEffect, Fitting, cells_of, series_of
+from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
 from .leftovers import Leftover, leftovers
 
 
@@ -39,8 +40,9 @@ class StandingLimits:
     alone: float = 0.98  # share of its power in one part above which no other part can confirm it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     by_noise: float = 0.9  # the same in the noise [1]
-    left: float = 0.05  # rest of the range over what an effect that the range alone shows explains of it, at most [1]
+    left: float = 0.05  # rest of the range over what only an effect that the range alone shows explains, at most [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
+    determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
@@ -99,18 +101,22 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         alone = fitted.template - (fitting.comparison.template(others) if others else 0.0)
         added, measured = whitening(alone), as_measured(alone)
         anywhere = _largest_share(added, groups) < LIMITS.alone
-        without = changes['group' if anywhere else 'kind']
+        # sizes of single groups cannot predict each other
+        by_group = anywhere and not fitted.effects[number].candidate.recipe.per_group
+        without = changes['group' if by_group else 'kind']
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
         testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
+        followed = Freedom(np.delete(slopes, own, axis=0)).followed(added) if len(fitted.effects) > 1 else 0.0
+        own_share = max(1.0 - float(followed) / max(float(added @ added), 1e-30), 1e-6)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
         found.append(
             dataclasses.replace(
                 standing,
-                left=_left_of_range(fitting, left_over, measured) if by_range[number] else 0.0,
+                left=_left_of_range(fitting, left_over, measured) / own_share if by_range[number] else 0.0,
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], left_over, measured),
                 inflated=inflations[number],
             )
@@ -204,14 +210,19 @@ def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:
 
 
 def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return by how much the parameters change when each part is left out of the fit (parts, P), to first order."""
+    """Return by how much the parameters change when each part is left out of the fit (parts, P), to first order.
+
+    Parameters that one part alone determines stay as they are without it.
+    """
     normal = slopes @ slopes.T
-    changes = []
+    changes = np.zeros((parts.max() + 1, len(slopes)))
     for part in range(parts.max() + 1):
         inside = slopes[:, parts == part]
-        inverse = scaled_inverse(normal - inside @ inside.T)
-        changes.append(-inverse @ (inside @ rest[parts == part]))
-    return np.array(changes)
+        left = normal - inside @ inside.T
+        kept = np.diag(left) > LIMITS.determined * np.diag(normal)
+        inverse = scaled_inverse(left[np.ix_(kept, kept)])
+        changes[part, kept] = -inverse @ (inside[kept] @ rest[parts == part])
+    return changes
 
 
 def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray:

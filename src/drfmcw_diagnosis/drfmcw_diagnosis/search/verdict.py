@@ -43,7 +43,8 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     """Return the verdict on a recording.
 
     Effects that leave nothing beyond chance explain it. A remainder far smaller than what they explain is reported and
-    changes nothing. Beside a larger one only those effects are named that stand by themselves, see `standing`.
+    changes nothing, provided that every effect stands by itself beside it, see `standing`: a small effect may imitate
+    what a large one leaves. Beside a larger one only those effects are named that stand.
 
     Args:
         search: of the recording.
@@ -55,7 +56,7 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     significance = min([found.significance, *(x.probability for x in left)])
     if current is None:
         return Judgement('unexplained' if left else 'consistent', None, [], [], significance, left)
-    if not all(_is_adequate(search, current, x) for x in left):
+    if not _holds(search, current, left):
         current = established(search, current, false_alarm_rate)
         if current is None:
             left = _significant(search, None, false_alarm_rate)
@@ -108,6 +109,13 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
 
 def _significant(search: Search, fitted: Fitted | None, false_alarm_rate: float) -> list[Leftover]:
     return [x for x in leftovers(search, fitted) if x.probability < false_alarm_rate]
+
+
+def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
+    """Return whether an explanation holds but for a remainder that changes none of its effects."""
+    if not left:
+        return True
+    return all(_is_adequate(search, fitted, x) for x in left) and all(s.stands for s in standings(search, fitted))
 
 
 def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:
