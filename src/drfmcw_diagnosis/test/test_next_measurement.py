@@ -119,6 +119,15 @@ def test_synthesisers_of_either_station_are_separated_by_another_station(recordi
     assert separations(recording, truth, other, Repeated('as before'))[0] < 0.5 * SEPARATION.separable
 
 
+def test_a_bent_ramp_is_supposed_at_other_distances_as_it_is(recording):
+    """Its coefficients belong to the band, not to the distances: at one of these it adds what it adds at any."""
+    effect = Effect.registry['sweep_shape'](relative_rate=(1.0, 1.0 + 2e-5, 1.0, 1.0, 1.0 - 1e-5), station='master')
+    view = Repeated('as before').view(recording, 1)
+    assert view is not None
+    added = view.show((effect,))
+    assert np.isfinite(added).all() and np.sum(added**2) > 100.0
+
+
 def test_warming_and_ageing_of_a_clock_are_separated_by_heat_and_by_counters(warming):
     """Time and temperature run together in the recording, and nowhere else."""
     truth = true(warming, 'reference_clock_temperature', 'master', slope=0.02)

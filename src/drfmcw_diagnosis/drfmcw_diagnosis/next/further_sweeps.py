@@ -164,6 +164,8 @@ class _Sweeps(Measurement):
 
 def _at(effect: Effect, groups: Sequence[int]) -> Effect:
     """Return an effect whose parameters differ from group to group with those of some groups alone."""
+    if not any(recipe.per_group for recipe in effect.recipes):
+        return effect
     lists = {name: getattr(effect, name) for name in effect.list_parameters()}
     chosen: dict[str, Any] = {
         name: tuple(values[g] for g in groups) for name, values in lists.items() if len(values) > 1

@@ -66,15 +66,14 @@ def _unified(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted
     """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
     A ramp whose rate changes over the band resembles several small errors of a straight one. In the place of one effect
-    it must explain the rest, since it follows much.
+    it must explain the rest of the ramp, since it follows much.
     """
-    bent = any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
-    for other in search.unified(current, 1 if bent else 2):
+    for other in search.unified(current, 1):
         if other.evidence < current.evidence + SELECTION.better:
             break
         if len(other.effects) < len(current.effects):
             return other
-        if leftovers(search, other)[0].probability >= false_alarm_rate:
+        if all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other)):
             return other
     return None
 

@@ -112,10 +112,16 @@ def _significant(search: Search, fitted: Fitted | None, false_alarm_rate: float)
 
 
 def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
-    """Return whether an explanation holds but for a remainder that changes none of its effects."""
+    """Return whether an explanation holds but for a remainder that changes none of its effects.
+
+    Bursts need not stand: how many a distance holds is chance.
+    """
     if not left:
         return True
-    return all(_is_adequate(search, fitted, x) for x in left) and all(s.stands for s in standings(search, fitted))
+    if not all(_is_adequate(search, fitted, x) for x in left):
+        return False
+    found = zip(fitted.effects, standings(search, fitted), strict=True)
+    return all(standing.stands or effect.candidate.kind.bursts for effect, standing in found)
 
 
 def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:
