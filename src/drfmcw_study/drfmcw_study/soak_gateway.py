@@ -38,7 +38,15 @@ class GatewaySoak:
 
     def __init__(self) -> None:
         """Start servers and clients on free ports of this machine."""
-        self._settings = GatewaySettings(pairs=[_PAIR], opcua_port=free_port(), modbus_port=free_port())
+        # a busy machine is no silent pair
+        self._settings = GatewaySettings(
+            pairs=[_PAIR],
+            opcua_port=free_port(),
+            modbus_port=free_port(),
+            timeout=_UPDATE_LIMIT,
+            age_limit=_UPDATE_LIMIT,
+            lost_time=_UPDATE_LIMIT,
+        )
         self._board = Board(self._settings)
         self._servers = Servers(self._board)
         self._loop = asyncio.new_event_loop()
