@@ -11,6 +11,7 @@ from setup.interpreter import SetupError
 
 REQUIREMENTS = ("setup/requirements.txt", "setup/requirements-test.txt")
 FIRST = "setup/requirements-first.txt"
+HASHES = "setup/hashes.txt"
 LOG = os.path.join("log", "setup.log")
 # What is installed where a system installation of Jazzy lacks it: module, distribution.
 SYSTEM_EXTRAS = {
@@ -84,18 +85,33 @@ def repair(venv):
 
 
 def _install_all(root, venv, output, lock, progress):
+    checked = os.environ.get("DRFMCW_HASHES") == "1"
     # One by one: empy is built with setuptools. The first small call finds out at once that there is no network.
     for pin in read_requirements(root, [FIRST]):
         failure = None if pin.startswith("uv==") else f"cannot install {pin}"  # uv has no wheel for every machine
-        _run([*_pip(venv), "--no-build-isolation", "--only-binary", "uv", pin], output, lock, failure)
+        wanted = with_hashes(root, venv, [pin]) if checked else [pin]
+        _run([*_pip(venv), "--no-build-isolation", "--only-binary", "uv", *wanted], output, lock, failure)
     pins = read_requirements(root, REQUIREMENTS)
+    wanted = with_hashes(root, venv, pins) if checked else pins
     progress.show("wheels", 0.3, f"{len(pins)} wheels")
     uv = os.path.join(venv, "bin", "uv")
     if os.path.exists(uv):  # takes a sixth of the time of four pips; what it cannot get is left to pip
-        command = [uv, "pip", "install", "--python", _python(venv), "--no-deps", "--only-binary", ":all:", *pins]
+        command = [uv, "pip", "install", "--python", _python(venv), "--no-deps", "--only-binary", ":all:", *wanted]
         _run(command, output, lock, None, _uv_environment(venv))
     progress.show("wheels", 0.9, f"{len(pins)} wheels")
-    _run([*_pip(venv), "--only-binary", ":all:", *pins], output, lock, "cannot install the wheels")
+    _run([*_pip(venv), "--only-binary", ":all:", *wanted], output, lock, "cannot install the wheels")
+
+
+def with_hashes(root, venv, pins):
+    """What to ask of pip or uv instead of pins, so that it takes no file of them but those listed."""
+    lines = {line.split()[0]: line for line in read_requirements(root, [HASHES])}
+    missing = [pin for pin in pins if pin not in lines]
+    if missing:
+        raise SetupError(f"{HASHES} lists no file of {missing[0]}; python3 setup/hashes.py renews it")
+    path = os.path.join(venv, "hashes.txt")
+    with open(path, "w") as file:
+        file.writelines(lines[pin] + "\n" for pin in pins)
+    return ["--require-hashes", "-r", path]
 
 
 def _uv_environment(venv):
@@ -116,6 +132,8 @@ def _uv_environment(venv):
 
 def _install_extras(root, venv, output, lock, progress):
     """Install what a system installation of Jazzy lacks, leaving alone what it has."""
+    if os.environ.get("DRFMCW_HASHES") == "1":
+        raise SetupError("DRFMCW_HASHES=1 needs the pinned wheels: call it where no ROS is sourced")
     progress.show("wheels", 0)
     probe = "import importlib.util, sys; print(*[n for n in sys.argv[1:] if importlib.util.find_spec(n) is None])"
     command = [_python(venv), "-c", probe, *SYSTEM_EXTRAS, "colcon_core", "em"]
@@ -162,6 +180,10 @@ def _run(command, output, lock, failure, environ=None):
 def _pip_failure(text, root, failure="pip cannot install the wheels"):
     if "No space left on device" in text:
         return "the disk is full: free about 1.5 GB and call again"
+    if "DO NOT MATCH THE HASHES" in text:
+        named = re.search(r"^\s+(\S+==\S+) ", text, re.MULTILINE)
+        pin = named.group(1) if named else "a wheel"
+        return f"{pin} is another file than {HASHES} lists (see {os.path.join(root, LOG)})"
     if _NO_NETWORK.search(text):
         return "no network: pip cannot reach the package index; check the connection (pip download rich) and call again"
     errors = [line for line in text.splitlines() if "error:" in line.lower()] or text.splitlines()[-1:]

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from setup.interpreter import SetupError
 
 from setup import wheels
 
@@ -183,6 +184,22 @@ def test_every_dependency_is_pinned():
         pins = [line for line in lines if line and not line.startswith("#")]
         assert pins
         assert all(re.fullmatch(r"[\w.-]+==[\w.]+", pin) for pin in pins)
+
+
+def test_every_pin_has_hashes_of_its_files(tmp_path):
+    pins = wheels.read_requirements(ROOT, [wheels.FIRST, *wheels.REQUIREMENTS])
+    lines = wheels.read_requirements(ROOT, [wheels.HASHES])
+    assert [line.split()[0] for line in lines] == pins
+    assert all(re.fullmatch(r"\S+( --hash=sha256:[0-9a-f]{64})+", line) for line in lines)
+    environ = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path)}
+    pin = next(pin for pin in pins if pin.startswith("iniconfig=="))
+    (tmp_path / f"{pin.replace('==', '-')}-py3-none-any.whl").write_bytes(b"another file")
+    wanted = wheels.with_hashes(ROOT, tmp_path, [pin])
+    command = [PYTHON, "-m", "pip", "download", "--no-deps", *wanted, "-d", tmp_path / "got"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environ)
+    assert done.returncode != 0 and "HASHES" in done.stderr
+    with pytest.raises(SetupError, match="lists no file of unknown==1"):
+        wheels.with_hashes(ROOT, tmp_path, ["unknown==1"])
 
 
 def _old_python(version):
