@@ -85,14 +85,13 @@ def repair(venv):
 
 
 def _install_all(root, venv, output, lock, progress):
-    checked = os.environ.get("DRFMCW_HASHES") == "1"
     # One by one: empy is built with setuptools. The first small call finds out at once that there is no network.
     for pin in read_requirements(root, [FIRST]):
         failure = None if pin.startswith("uv==") else f"cannot install {pin}"  # uv has no wheel for every machine
-        wanted = with_hashes(root, venv, [pin]) if checked else [pin]
+        wanted = _asked(root, venv, [pin])
         _run([*_pip(venv), "--no-build-isolation", "--only-binary", "uv", *wanted], output, lock, failure)
     pins = read_requirements(root, REQUIREMENTS)
-    wanted = with_hashes(root, venv, pins) if checked else pins
+    wanted = _asked(root, venv, pins)
     progress.show("wheels", 0.3, f"{len(pins)} wheels")
     uv = os.path.join(venv, "bin", "uv")
     if os.path.exists(uv):  # takes a sixth of the time of four pips; what it cannot get is left to pip
@@ -100,6 +99,16 @@ def _install_all(root, venv, output, lock, progress):
         _run(command, output, lock, None, _uv_environment(venv))
     progress.show("wheels", 0.9, f"{len(pins)} wheels")
     _run([*_pip(venv), "--only-binary", ":all:", *wanted], output, lock, "cannot install the wheels")
+
+
+def _only_listed():
+    """Whether no file may be installed but those whose hashes are listed."""
+    return os.environ.get("DRFMCW_HASHES") == "1"
+
+
+def _asked(root, venv, pins):
+    """What to ask of pip or uv for pins."""
+    return with_hashes(root, venv, pins) if _only_listed() else pins
 
 
 def with_hashes(root, venv, pins):
@@ -132,7 +141,7 @@ def _uv_environment(venv):
 
 def _install_extras(root, venv, output, lock, progress):
     """Install what a system installation of Jazzy lacks, leaving alone what it has."""
-    if os.environ.get("DRFMCW_HASHES") == "1":
+    if _only_listed():
         raise SetupError("DRFMCW_HASHES=1 needs the pinned wheels: call it where no ROS is sourced")
     progress.show("wheels", 0)
     probe = "import importlib.util, sys; print(*[n for n in sys.argv[1:] if importlib.util.find_spec(n) is None])"

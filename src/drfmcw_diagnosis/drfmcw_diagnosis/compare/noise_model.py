@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drfmcw_node.estimators.noise import QUANTISATION
-from drfmcw_physics.phase_noise import coherent_loss, combination_gain, variance_after_delay
+from drfmcw_physics.phase_noise import PhaseNoise, coherent_loss, combination_gain, variance_after_delay
 from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
 
@@ -14,6 +14,11 @@ from ..features.limits import SIDEBANDS, SPECTRUM
 from .groups import Part
 from .limits import MODEL, SIMULATION
 from .recorded_sweeps import RecordedSweeps
+
+
+def _oscillators(state: Measurements) -> list[PhaseNoise]:
+    """Return the phase noise of the stations of which it is known."""
+    return [s.phase_noise for s in state.stations if s.phase_noise is not None]
 
 
 class NoiseModel:
@@ -72,7 +77,7 @@ class NoiseModel:
         rate = state.stations[0].sweep.sample_rate
         count = SPECTRUM.bands * SIMULATION.frequencies
         centre = (np.arange(count) + 0.5) * (rate / 2 / count)
-        oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
+        oscillators = _oscillators(state)
         filters = [self._filter(state.stations[i], state, effects) for i in self._topology.heard]
         own = line[..., None]
         offsets = np.stack([np.abs(centre - own), np.minimum(centre + own, rate - centre - own)])
@@ -110,12 +115,9 @@ class NoiseModel:
             part: groups of one setting.
             state: their conditions after effects.
         """
-        oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]
-        if not self._topology.hears_itself:
-            variance = np.full(len(part.groups), sum(o.variance for o in oscillators))
-        else:
-            variance = sum((variance_after_delay(o, state.paths[0].delay) for o in oscillators), np.zeros(1))
-        loss: np.ndarray = coherent_loss(np.broadcast_to(variance, len(part.groups)))[:, None]
+        delay, own = state.paths[0].delay, self._topology.hears_itself
+        variances = (variance_after_delay(o, delay) if own else o.variance for o in _oscillators(state))
+        loss: np.ndarray = coherent_loss(sum(variances, np.zeros(len(part.groups))))[:, None]
         return loss
 
     def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
@@ -146,7 +148,7 @@ class NoiseModel:
         if not self._shared[part.groups].any():
             return result
         rate = state.stations[0].sweep.sample_rate
-        oscillators = [s.phase_noise for s in state.stations if s.phase_noise is not None]  # known of both
+        oscillators = _oscillators(state)  # known of both
         lines, powers = self._lines[part.groups], self._powers[part.groups]
         used = coherence.sidebands(lines, state.stations[0].sweep)
         at = lines[..., None, None]  # (G, 2, sidebands, offsets)

@@ -116,15 +116,19 @@ class Expected:
         return self.model.simulated.samples(self.part, self.effects, noise)
 
     @functools.cached_property
+    def _state(self) -> Measurements:
+        """Conditions of the groups after effects."""
+        return acted(self.part, self.effects)
+
+    @functools.cached_property
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
         """Noise in bands (G, S, N) [dB of 1 LSB^2 per sample], and the coherence of both lines (G, C)."""
-        state = acted(self.part, self.effects)
-        return self.model.noise.predicted(self.part, state, self.effects, self.features.line)
+        return self.model.noise.predicted(self.part, self._state, self.effects, self.features.line)
 
     @functools.cached_property
     def amplitude(self) -> np.ndarray:
         """Power of each line, of which phase noise takes a part (G, S) [dB of 1 LSB]."""
-        return self.features.amplitude - self.model.noise.loss(self.part, acted(self.part, self.effects))
+        return self.features.amplitude - self.model.noise.loss(self.part, self._state)
 
     @functools.cached_property
     def added(self) -> np.ndarray:

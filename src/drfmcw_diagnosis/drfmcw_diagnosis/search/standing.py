@@ -40,7 +40,7 @@ class StandingLimits:
     alone: float = 0.98  # share of its power in one part above which no other part can confirm it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     by_noise: float = 0.9  # the same in the noise [1]
-    left: float = 0.05  # rest of the range over what only an effect that the range alone shows explains, at most [1]
+    left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
@@ -110,13 +110,13 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
-        followed = Freedom(np.delete(slopes, own, axis=0)).followed(added) if len(fitted.effects) > 1 else 0.0
-        own_share = max(1.0 - float(followed) / max(float(added @ added), 1e-30), 1e-6)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
         found.append(
             dataclasses.replace(
                 standing,
-                left=_left_of_range(fitting, left_over, measured) / own_share if by_range[number] else 0.0,
+                left=_left_of_range(fitting, left_over, measured) / _own_share(slopes, own, added)
+                if by_range[number]
+                else 0.0,
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], left_over, measured),
                 inflated=inflations[number],
             )
@@ -139,6 +139,19 @@ def _left_of_range(fitting: Fitting, rest: np.ndarray, added: np.ndarray) -> flo
     """Return the rest of the range over what an effect explains of it; arguments as `_unexplained_signal`."""
     rows = _of_level(fitting, 'range')
     return _excess(rest[rows]) / max(float(added[rows] @ added[rows]), 1e-30)
+
+
+def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
+    """Return the share of what an effect adds (n,) that the other effects' parameters cannot follow.
+
+    Args:
+        slopes: whitened derivatives by all parameters (P, n).
+        own: the effect's among them.
+        added: by the effect, whitened (n,).
+    """
+    others = np.delete(slopes, own, axis=0)
+    followed = float(Freedom(others).followed(added)) if len(others) else 0.0
+    return max(1.0 - followed / max(float(added @ added), 1e-30), 1e-6)
 
 
 def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
