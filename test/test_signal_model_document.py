@@ -186,8 +186,8 @@ def test_white_weights_lose_almost_nothing():
     assert -1e-3 < largest_loss_of_white_weights() < 3e-3
 
 
-def combined_phase(mode, late, distance, alpha, jitter):
-    """Return the combined carrier phase [turns] of noise-free lines, T_off other than nominal by `jitter` [s]."""
+def combined(mode, late, distance, alpha, jitter):
+    """Return the combination of noise-free lines, T_off other than nominal by `jitter` [s]."""
     m = pair(1, distance / SPEED_OF_LIGHT, alphas=(alpha, 1.0), clocks=(1.0, 1.0), start_delay=late, mode=int(mode))
     m.start_delay = m.start_delay + jitter
     stations = []
@@ -198,15 +198,27 @@ def combined_phase(mode, late, distance, alpha, jitter):
         phase = 2 * math.pi * turns[1024] * np.sign(slope)  # half a ramp after the sweep start, of the positive line
         beat = Beat(s.name, s.sweep.peer, 0, 0, abs(slope), 1.0, phase, -60.0, 40.0, 0)
         stations.append(Combined(beat, s.sweep, Calibration(s.name, alpha=s.alpha[0])))
-    return combine(*stations).carrier_phase / (2 * math.pi)
+    return combine(*stations)
 
 
 @pytest.mark.parametrize('alpha', [1.0, 1 + 40e-6])
 @pytest.mark.parametrize(('mode', 'late', 'distance'), MODES)
 def test_combined_phase_is_free_of_start_delay_jitter(mode, late, distance, alpha):
     """5 ns of jitter, which would be 0.06 mm, leave less than 0.0005 mm."""
-    change = combined_phase(mode, late, distance, alpha, 5e-9) - combined_phase(mode, late, distance, alpha, 0.0)
+    late_one, nominal = (combined(mode, late, distance, alpha, jitter) for jitter in (5e-9, 0.0))
+    change = (late_one.carrier_phase - nominal.carrier_phase) / (2 * math.pi)
     assert abs(change - round(change)) * SPEED_OF_LIGHT / (2 * SWEEP.center_frequency) < 5e-7
+
+
+@pytest.mark.parametrize('alpha', [1.0, 1 + 40e-6])
+@pytest.mark.parametrize(('mode', 'late', 'distance'), MODES)
+def test_combined_phase_counts_the_path_at_its_frequency(mode, late, distance, alpha):
+    """20 m further, the phase has turned as often as half wavelengths of `phase_frequency` fit in: to 0.01 mm."""
+    near, far = (combined(mode, late, d, alpha, 0.0) for d in (distance, distance + 20.0))
+    turns = (far.carrier_phase - near.carrier_phase) / (2 * math.pi)
+    half_wave = SPEED_OF_LIGHT / (near.phase_frequency + far.phase_frequency)
+    left = turns - 20.0 / half_wave
+    assert abs(left - round(left)) * half_wave < 1e-5
 
 
 def sizes():
@@ -234,10 +246,8 @@ def sizes():
         'with the nominal $T_\\mathrm{off}$: jitter of 2 ns, ref',
         f'{apart * k * 2e-9 * light / (2 * k) * 1e3:.3f} mm',
     )
-    mode, late, distance = MODES[1]
+    _, late, distance = MODES[1]
     delay = distance / light
-    center = dataclasses.replace(SWEEP, mode=int(mode), start_delay=late).window_center()
-    yield 'half wavelength', f'{((f0 + k * center) * 2 - (2 * fc - k * (late + 2 * delay))) / (2 * fc):.1e}'
     yield 'Doppler', f'{(delay + late / 2) * 1e6:.1f} µm'
     yield 'hardware delay', f'{10e-9 / 2 * apart / 2 * light * 1e3:.2f} mm'
     # range_bias is the reference's alone; ADCs that run from it count half of it back

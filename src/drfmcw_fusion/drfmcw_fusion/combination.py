@@ -29,9 +29,10 @@ class PathDelay:
     uncorrected: float  # every clock taken as nominal [s]
     delay: float  # clocks corrected [s]
     std: float  # one standard deviation [s]
-    carrier_phase: float  # sum of both stations' phases; 2 pi per half wavelength of range, NaN where not defined [rad]
+    carrier_phase: float  # sum of both stations' phases, NaN where not defined [rad]
     center_time: float  # centre of the analysis window after station 1's sweep start [s]
     center_frequency: float  # sweep frequency at that time [Hz]
+    phase_frequency: float  # half a turn of carrier_phase per delay, NaN where that is [Hz]
 
 
 def combine(first: Station, second: Station, alpha_correction: bool = True) -> PathDelay:
@@ -58,6 +59,7 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
         sweeps, calibrations = (first.sweep, second.sweep), (first.calibration, second.calibration)
         delay = delay_on_true_clocks(sweeps, calibrations, (first.beat.frequency, second.beat.frequency))
         center = center / first.calibration.sample_clock_alpha
+    alphas = (first.calibration.alpha, second.calibration.alpha) if alpha_correction else (1.0, 1.0)
     return PathDelay(
         uncorrected=uncorrected,
         delay=delay,
@@ -65,6 +67,7 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
         carrier_phase=_carrier_phase(first, second, delay),
         center_time=center,
         center_frequency=sweep.start_frequency + k * center,
+        phase_frequency=_phase_frequency(sweep, delay) * sum(alphas) / 2.0,
     )
 
 
@@ -102,6 +105,7 @@ def own_path(station: Station, alpha_correction: bool = True) -> PathDelay:
         carrier_phase=math.nan,
         center_time=center,
         center_frequency=sweep.start_frequency + sweep.chirp_rate * center,
+        phase_frequency=math.nan,
     )
 
 
@@ -118,6 +122,15 @@ def _carrier_phase(first: Station, second: Station, delay: float) -> float:
     late = 2.0 * math.pi * second.beat.frequency * (start_delay + excess)
     # [phi_1(t) - phi_1(t - tau)] + [phi_2(t - T_off) - phi_2(t - T_off - tau)]: the second interval's chirp is earlier
     return s1 * first.beat.phase - s2 * (second.beat.phase - late) + 2.0 * math.pi * k * excess * delay
+
+
+def _phase_frequency(sweep: SweepSettings, delay: float) -> float:
+    """Return the mean frequency at which both chirps pass the path when `_carrier_phase` looks at them [Hz].
+
+    Each has left its station by the delay before, and station 2's began T_off later: up to 1e-4 below the centre.
+    """
+    k = sweep.chirp_rate
+    return sweep.start_frequency + k * (sweep.ramp_duration / 2.0 - sweep.start_delay / 2.0 - delay)
 
 
 def start_delay_excess(first: Station, second: Station, delay: float) -> float:

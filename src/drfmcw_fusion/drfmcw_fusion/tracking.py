@@ -132,7 +132,7 @@ class VelocityTracker:
             range_std: its standard deviation [m].
             refractive_index: of the air [1].
         """
-        half_wave = SPEED_OF_LIGHT / refractive_index / path.center_frequency / 2.0
+        half_wave = SPEED_OF_LIGHT / refractive_index / path.phase_frequency / 2.0
         pause = (stamp - self._stamp) * 1e-9
         if not 0.0 < pause <= _LONGEST_PAUSE:
             self._recent.clear()

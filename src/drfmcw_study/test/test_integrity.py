@@ -95,7 +95,7 @@ def measured(number, distance, interval=0.02, std=1e-3, phase=None):
     """One sweep of a crane at `distance`; the carrier phase repeats every 25.84 mm."""
     half_wave = 299792458.0 / 5.8e9 / 2.0
     phase = 2.0 * math.pi * distance / half_wave if phase is None else phase
-    path = PathDelay(0.0, 0.0, std / 3e8, math.remainder(phase, 2.0 * math.pi), 5e-4, 5.8e9)
+    path = PathDelay(0.0, 0.0, std / 3e8, math.remainder(phase, 2.0 * math.pi), 5e-4, 5.8e9, 5.8e9)
     return Measured(START + round(number * interval * 1e9), path, distance, std, 1.0, 0.0387, (0, 3.41e-6))
 
 
@@ -339,7 +339,7 @@ def test_both_modes_must_agree_on_one_distance(differs, after):
 def test_ring_of_buffers_that_is_read_again_is_refused():
     """A dead driver's ring of 300 sweeps: each result stood there before, number and stamp are new."""
     monitor = PairMonitor(Limits(10.0, 0.3), IntegritySettings())
-    sweep, path = SweepSettings('master', 'master'), PathDelay(0.0, 2e-7, 1e-12, math.nan, 5e-4, 5.8e9)
+    sweep, path = SweepSettings('master', 'master'), PathDelay(0.0, 2e-7, 1e-12, math.nan, 5e-4, 5.8e9, math.nan)
     failed = []
     for i in range(600):
         beat = Beat('master', 'master', i, 0, 5e5 + i % 300, 1.0, 0.1, -60.0, 40.0, START + i)

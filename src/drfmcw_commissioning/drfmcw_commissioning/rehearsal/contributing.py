@@ -57,7 +57,7 @@ def contribution(part: Part, distance: float) -> Contributions:
         beat = Beat(own, peer, 0, 0, beat_frequency(sweep, delay, 1.0, 1.0), 1.0, 0.0, -60.0, 40.0, 0)
         stations.append(Station(beat, sweep, dataclasses.replace(part.calibration, station=own)))
     first, second = stations
-    path = PathDelay(delay, delay, 0.0, 0.0, 0.0, first.sweep.center_frequency)
+    path = PathDelay(delay, delay, 0.0, math.nan, 0.0, first.sweep.center_frequency, math.nan)
     return contributions(first, second, path, part.weather, MODELS[0])
 
 

@@ -33,7 +33,7 @@ _MEAN_LENGTH = 16  # ranges after a break of the phases whose mean shows whether
 _MOST_SUSPECT = 8  # sweeps; among many wrong ones some continue the track by chance, but not so many in a row
 _ANCHOR_LENGTH = 1024  # ranges whose mean is compared with the newest ones, as far as the phases go on
 _DRIFT = 1.0  # standard deviations of a range by which both may differ
-_SCALE_ERROR = 3e-5  # of a displacement by the phases: the references' frequencies, which it takes as nominal
+_SCALE_ERROR = 3e-5  # of a displacement by the phases: what the references have drifted since they were calibrated
 _LARGEST_SHARE = 4.0  # published standard deviations that an innovation may be
 
 

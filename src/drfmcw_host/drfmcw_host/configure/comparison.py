@@ -146,5 +146,5 @@ def _effect(
 def _std(delay: float, sweeps: list[SweepSettings], pair: list[Calibration], weather: Weather) -> float:
     """Return the standard deviation of a range that the calibrations state; the weather's is left out [m]."""
     first, second = (with_line(s, c, beat_frequency(s, delay, 1.0, 1.0)) for s, c in zip(sweeps, pair, strict=True))
-    path = PathDelay(delay, delay, 0.0, 0.0, 0.0, first.sweep.center_frequency)
+    path = PathDelay(delay, delay, 0.0, math.nan, 0.0, first.sweep.center_frequency, math.nan)
     return contributions(first, second, path, weather, MODELS[0]).total
