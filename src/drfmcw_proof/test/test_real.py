@@ -1,6 +1,5 @@
 """The proof on real recordings: what is added is found, nothing else; skipped where no real recording lies."""
 
-
 import numpy as np
 import pytest
 from checkout import DATA, SHARED

@@ -1,6 +1,5 @@
 """Search for effects: what an explanation may follow, effects that nearly cancel, movement."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,6 +1,7 @@
 """What each part of a calibration contributes to the uncertainty of a range, as a table."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 from drfmcw_fusion.combination import PathDelay, Station

@@ -165,9 +165,7 @@ class Comparison:
         count = sum(e.fluctuates for e in effects)
         return [self._altered(effects, outcome=number) for number in range(4 * count)]
 
-    def _altered(
-        self, effects: Sequence[Effect], displaced: bool = False, outcome: int | None = None
-    ) -> np.ndarray:
+    def _altered(self, effects: Sequence[Effect], displaced: bool = False, outcome: int | None = None) -> np.ndarray:
         expected = self._model.expected(tuple(e for e in effects if not e.bursts), displaced, outcome)
         altered = self._vector(Groups({kind.name: self._joined(kind, expected) for kind in self.kinds}))
         bursting = tuple(e for e in effects if e.bursts)

@@ -464,9 +464,7 @@ def _measure(dataset: Dataset) -> Lines:
                     ranges[beat.sweep_id], stds[beat.sweep_id] = result.range, result.white_std
         for i, samples in enumerate(dataset.samples):
             if samples is None:
-                delay = delay_of_one(
-                    settings[1 - i], found['frequency'][1 - i, run], warm[1 - i], warm[i]
-                )
+                delay = delay_of_one(settings[1 - i], found['frequency'][1 - i, run], warm[1 - i], warm[i])
                 hardware = sum(c.delay for c in warm)
                 ranges[run] = (delay - hardware) * SPEED_OF_LIGHT / dataset.refractive_index[run]
     return Lines(**found, noise_density=density, flags=flags, range=ranges, range_std=stds)

@@ -70,9 +70,7 @@ def of_ramp(found: Ramp) -> Evidence:
         locations.append(Location('if_samples', m.station, 'ramp_time', w.first / m.rate, w.last / m.rate, math.nan))
         slope, slope_std = found.slope
         if abs(slope) > 4.0 * slope_std:
-            effects.append(
-                _effect('slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, count * SHAPE.least)
-            )
+            effects.append(_effect('slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, count * SHAPE.least))
         delay = float(found.shape.delay[0])
         std = convention(found) * delay
         sentences += [

@@ -150,9 +150,7 @@ class Linearised:
         )
 
 
-def _stated(
-    covariance: np.ndarray, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]
-) -> np.ndarray:
+def _stated(covariance: np.ndarray, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]) -> np.ndarray:
     """Return the standard deviations of fitted parameters (P,), of coefficients about their mean.
 
     A factor that coefficients have in common changes nothing and is not determined.

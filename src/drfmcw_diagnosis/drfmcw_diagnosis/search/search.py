@@ -263,9 +263,7 @@ class Search(Fitting):
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
 
-    def _alone(
-        self, point: tuple, rest: Fitted, freedom: Freedom | None, fitted: Fitted, goal: float
-    ) -> Fitted | None:
+    def _alone(self, point: tuple, rest: Fitted, freedom: Freedom | None, fitted: Fitted, goal: float) -> Fitted | None:
         """Return one effect fitted while the others follow to first order; None of what need not be fitted with them.
 
         Args:

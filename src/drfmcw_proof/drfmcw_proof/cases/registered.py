@@ -314,9 +314,7 @@ def _ac_coupling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None
         scene.analogue[s].append((Stage.COUPLING, hook))
 
 
-@kind(
-    'receiver_settling', 'station', {'level': 'dBFS', 'time_constant': 's'}, decibel('level', -75.0, -120.0, -10.0)
-)
+@kind('receiver_settling', 'station', {'level': 'dBFS', 'time_constant': 's'}, decibel('level', -75.0, -120.0, -10.0))
 def _receiver_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
         per_sample = np.exp(-scene.step(station)[rows, None] / p['time_constant'])

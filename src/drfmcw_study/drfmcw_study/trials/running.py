@@ -74,9 +74,7 @@ def _in_processes(study: Study, task: Task, jobs: Sequence[Job], count: int) -> 
         raise StudyStopped(f'a worker process died ({error})') from None
 
 
-def _on_cluster(
-    study: Study, task: Task, jobs: Sequence[Job], address: str, note: Callable[[str], None]
-) -> _Finished:
+def _on_cluster(study: Study, task: Task, jobs: Sequence[Job], address: str, note: Callable[[str], None]) -> _Finished:
     """Yield what the workers of a Dask cluster finish, as it comes."""
     orders = [order(study, job) for job in jobs]
     try:
