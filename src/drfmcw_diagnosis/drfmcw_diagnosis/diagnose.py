@@ -98,7 +98,7 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
         write_atomically(finding, json.dumps(diagnosis.as_object(), indent=2) + '\n')
     if page:
         configuration = Path(diagnosis.refined_config).read_text(encoding='utf-8') if diagnosis.refined_config else ''
-        write_atomically(page, render_html(diagnosis, configuration))
+        write_atomically(page, render_html(diagnosis, configuration, arguments.jobs))
     Console().print(terminal(diagnosis, page))
     return 0
 

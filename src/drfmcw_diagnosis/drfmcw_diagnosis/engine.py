@@ -134,7 +134,7 @@ def diagnose_dataset(
     explanation = _explanation(search, chosen) if chosen else None
     if explanation and chosen and covariances:
         explanation = _correlated(search, explanation, chosen)
-    verification = _verification(data, rows, chosen)
+    verification = _verification(data, rows, chosen, jobs)
     held_out = verification.held_out
     measured, found = measured_remainder(comparison, chosen, judgement.remainder, verification.fitted, held_out)
     refined, model = _written(out, data, chosen, found)
@@ -236,10 +236,10 @@ class _Verification:
     sweeps: tuple[int, int]
 
 
-def _verification(data: Dataset, compared: np.ndarray, chosen: Fitted | None) -> _Verification:
+def _verification(data: Dataset, compared: np.ndarray, chosen: Fitted | None, jobs: int) -> _Verification:
     fitted_rows, held_rows = _split(data, compared)
     part = Comparison(data, fitted_rows)
-    again = Fitting(part).fit(chosen.start, 4) if chosen else None
+    again = Fitting(part, jobs).fit(chosen.start, 4) if chosen else None
     rest = Comparison(data, held_rows) if len(held_rows) else None
     return _Verification((part, again), rest, (len(fitted_rows), len(held_rows)))
 

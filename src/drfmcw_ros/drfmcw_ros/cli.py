@@ -20,7 +20,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def guarded(prog: str, work: Callable[[], int | None]) -> int:
-    """Run `work` and return the exit status: its own or 0, 2 with one line for wrong input, 130 after Ctrl-C."""
+    """Run `work` and return the exit status: its own or 0, 2 with one line for wrong input, 130 after Ctrl-C.
+
+    An error of the operating system counts as wrong input: what it could not open, make or write.
+    """
     try:
         return work() or 0
     except ConfigurationError as error:
@@ -29,6 +32,10 @@ def guarded(prog: str, work: Callable[[], int | None]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a directory that is a file, a full disk: nothing that a traceback would say better
+        where = f'{os.fsdecode(error.filename)}: ' if isinstance(error.filename, (str, bytes)) else ''
+        print(f'{prog}: {where}{error.strerror or error}', file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
 

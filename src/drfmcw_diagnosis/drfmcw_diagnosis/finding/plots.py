@@ -45,7 +45,7 @@ def _png(figure: Figure) -> bytes:
     pixels = np.asarray(canvas.buffer_rgba())
     drawn = Image.fromarray(pixels[..., :3])
     image = io.BytesIO()
-    drawn.quantize(PLOTS.colors, dither=Image.Dither.NONE).save(image, 'PNG', optimize=True)
+    drawn.quantize(PLOTS.colors, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(image, 'PNG')
     return image.getvalue()
 
 

@@ -2,16 +2,19 @@
 
 import base64
 import dataclasses
+import functools
 import math
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import yaml
 from markupsafe import Markup, escape
 
 from drfmcw_ros.pages import templates
+from drfmcw_ros.work.processes import Workers
 
 from . import plots, quantities, repeating, wording
 from .limits import PAGE, SEPARATION
@@ -69,18 +72,33 @@ class Cell:
     kind: str  # 'self', 'near', 'far' or ''
 
 
-def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
+def render_html(diagnosis: Diagnosis, configuration: str = '', jobs: int = 1) -> str:
     """Return the report.
 
     Args:
         diagnosis: what was found.
         configuration: text of the refined simulator configuration, shown folded where given.
+        jobs: processes that draw its pictures.
     """
     explained = diagnosis.explanation is not None
     effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     ranges = _range_series(diagnosis.series)
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
-    panels = [_panel(s, diagnosis) for s in others[: PAGE.most]]
+    learnt = sorted(diagnosis.learnt, key=lambda s: -_excess(s))[: PAGE.most]
+
+    def map_drawn() -> str | None:
+        shown = diagnosis.misfit_map
+        return _uri(plots.misfit_map(shown, explained)) if shown is not None else None
+
+    drawing: list[Callable[[], Any]] = [
+        map_drawn,
+        lambda: _uri(plots.held_out(diagnosis.fit)) if explained else None,
+        lambda: ranges and _panel(ranges, diagnosis),
+        *(functools.partial(_panel, s, diagnosis) for s in others[: PAGE.most]),
+        *(functools.partial(_learnt_panel, s) for s in learnt),
+    ]
+    misfit_map, held_out, range_panel, *rest = Workers(jobs).map(lambda draw: draw(), drawing)
+    panels, learnt_panels = rest[: len(others[: PAGE.most])], rest[len(others[: PAGE.most]) :]
     shown = min(PAGE.unfolded, max(PAGE.least, sum(map(_is_informative, others))))
     return _TEMPLATES.get_template('report.html').render(
         d=diagnosis,
@@ -91,12 +109,12 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         tiles=_tiles(diagnosis),
         explained=explained,
         effects=[(e, wording.effect_words(e)) for e in effects],
-        misfit_map=diagnosis.misfit_map and _uri(plots.misfit_map(diagnosis.misfit_map, explained)),
+        misfit_map=misfit_map,
         panels=panels[:shown],
         folded=panels[shown:],
         left_out=max(0, len(others) - PAGE.most),
-        ranges=ranges and _panel(ranges, diagnosis),
-        learnt=[_learnt_panel(s) for s in sorted(diagnosis.learnt, key=lambda s: -_excess(s))[: PAGE.most]],
+        ranges=range_panel,
+        learnt=learnt_panels,
         measured=diagnosis.remainder and diagnosis.remainder.measured,
         r=repeating,
         ranking=_ranking(diagnosis),
@@ -104,7 +122,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '') -> str:
         threshold=100.0 * SEPARATION.separable / SEPARATION.full_bar,
         separability=diagnosis.separability and _cells(diagnosis.separability),
         separable=SEPARATION.separable,
-        held_out=_uri(plots.held_out(diagnosis.fit)) if explained else None,
+        held_out=held_out,
         locations=[
             (x, 100.0 * min(max(x.share, 0.0), 1.0) if math.isfinite(x.share) else 0.0)
             for x in sorted(diagnosis.locations, key=lambda x: -x.share)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drfmcw_physics.settings import declared_parameters
+from drfmcw_ros.work.processes import Workers
 from drfmcw_sim.effects import Effect
 
 from ..compare.algebra import scaled_inverse
@@ -191,9 +192,16 @@ def cells_of(entries: Entries) -> np.ndarray:
 class Fitting:
     """Fits the parameters of effects to one comparison."""
 
-    def __init__(self, comparison: Comparison) -> None:
-        """Start with forward models that are trusted without limit."""
+    def __init__(self, comparison: Comparison, jobs: int = 1) -> None:
+        """Start with forward models that are trusted without limit.
+
+        Args:
+            comparison: recording and model.
+            jobs: processes that simulate at once.
+        """
         self.comparison = comparison
+        self._workers = Workers(jobs)
+        self._slopes: tuple[tuple, np.ndarray] = ((), np.zeros((0, len(comparison.residual))))  # the newest ones
         self.noisier = np.ones(len(comparison.residual))  # weights below 1 where something unknown is taken for noise
         self.whitening = Whitening(self.noisier, comparison.common_errors)
 
@@ -291,15 +299,14 @@ class Fitting:
         normal = np.eye(len(point))
         for _ in range(steps):
             slope = np.empty((len(point), len(y)))
-            for together in self._moved_together(chosen, names):
-                moved = point.copy()
-                for k in together:
-                    i, name = names[k]
-                    moved[k] += self._step(chosen[i], name, point[k])
-                change = template_at(moved) - template
+            sets = self._moved_together(chosen, names)
+            step = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
+            moved = [np.where(np.isin(np.arange(len(point)), together), point + step, point) for together in sets]
+            for together, row, other in zip(sets, moved, self._workers.map(template_at, moved), strict=True):
+                change = other - template
                 for number, k in enumerate(together):
                     own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
-                    slope[k] = left(whitening(own / (moved[k] - point[k])))
+                    slope[k] = left(whitening(own / (row[k] - point[k])))
             normal = slope @ slope.T
             gradient = slope @ whitening(y - template)
             improved = False
@@ -486,11 +493,17 @@ class Fitting:
         effects = list(fitted.effects)
         around = _undistorted([e.build() for e in effects])
         template = fitted.template if around is None else self._template([e.build() for e in effects], around)
-        found = []
-        for number, effect in enumerate(effects):
-            for name in effect.candidate.free:
-                step = self._step(effect.candidate, name, effect.values[name])
-                moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
-                others = [moved if i == number else e for i, e in enumerate(effects)]
-                found.append((self._template([e.build() for e in others], around) - template) / step)
-        return np.array(found)
+
+        def slope(parameter: tuple[int, str]) -> np.ndarray:
+            number, name = parameter
+            effect = effects[number]
+            step = self._step(effect.candidate, name, effect.values[name])
+            moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
+            others = [moved if i == number else e for i, e in enumerate(effects)]
+            return (self._template([e.build() for e in others], around) - template) / step
+
+        key = tuple((e.key, e.candidate.free, tuple(e.values.items())) for e in effects)
+        if key != self._slopes[0]:
+            names = [(number, name) for number, effect in enumerate(effects) for name in effect.candidate.free]
+            self._slopes = key, np.array(self._workers.map(slope, names))
+        return self._slopes[1]

@@ -9,7 +9,6 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_ros.work.processes import Workers
 
 from ..compare.comparison import Comparison
 from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
@@ -36,8 +35,7 @@ class Search(Fitting):
             without: effects that are not searched for.
             jobs: processes that fit at once.
         """
-        super().__init__(comparison)
-        self._workers = Workers(jobs)
+        super().__init__(comparison, jobs)
         self._kept: dict[tuple, np.ndarray] = {}
         self._left_out = without
         self.report = progress or (lambda text, share: None)
@@ -101,13 +99,23 @@ class Search(Fitting):
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
         """Return the template of a candidate; templates are kept."""
-        values = values or candidate.values
-        key = (candidate.effect, candidate.station, tuple(sorted(values.items())))
-        if key not in self._kept:
-            if len(self._kept) >= SEARCH.kept:
-                del self._kept[next(iter(self._kept))]
-            self._kept[key] = self._template([candidate.build(values)]).astype(np.float32)
-        return self._kept[key]
+        return self._units([(candidate, values or candidate.values)])[0]
+
+    def _units(self, wanted: Sequence[tuple[Candidate, dict[str, float]]]) -> list[np.ndarray]:
+        """Return the templates of candidates with values of their parameters."""
+
+        def simulated(key: tuple) -> np.ndarray:
+            candidate, values = missing[key]
+            return self._template([candidate.build(values)]).astype(np.float32)
+
+        keys = [(c.effect, c.station, tuple(sorted(values.items()))) for c, values in wanted]
+        missing = {key: w for key, w in zip(keys, wanted, strict=True) if key not in self._kept}
+        found = {key: self._kept[key] for key in keys if key in self._kept}
+        found |= zip(missing, self._workers.map(simulated, list(missing)), strict=True)
+        self._kept |= {key: found[key] for key in missing}
+        for key in list(self._kept)[: max(len(self._kept) - SEARCH.kept, 0)]:
+            del self._kept[key]
+        return [found[key] for key in keys]
 
     def _promising(
         self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None, only: str = ''
@@ -126,16 +134,14 @@ class Search(Fitting):
         kept = [i for i, c in enumerate(self.bank) if only in ('', c.effect) and self._is_other(c, c.values, beside)]
         chosen = [*(self.bank[i] for i in kept), *scanned]
         weighted = self.whitening.transposed(self.whitening(residual)).astype(np.float32)
-        templates = np.concatenate(
-            [self.templates[kept], np.array([self._unit(c) for c in scanned]).reshape(len(scanned), len(weighted))]
-        )
+        units = np.array(self._units([(c, c.values) for c in scanned])).reshape(len(scanned), len(weighted))
+        templates = np.concatenate([self.templates[kept], units])
         overlap = templates @ weighted
         power = self._power(templates, freedom)
-        found = [
-            self._scaled(candidate, float(o), float(p), residual, freedom)
-            for candidate, o, p in zip(chosen, overlap, power, strict=True)
-            if p > SEARCH.nothing**2
-        ]
+        strong = np.flatnonzero(power > SEARCH.nothing**2)
+        turned = [(chosen[i], _in_quadrature(chosen[i])) for i in strong if chosen[i].recipe.quadrature[0]]
+        self._units(turned)  # all at once, and kept
+        found = [self._scaled(chosen[i], float(overlap[i]), float(power[i]), residual, freedom) for i in strong]
         return sorted(found, key=lambda item: -item[0])
 
     def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
@@ -170,7 +176,7 @@ class Search(Fitting):
             scale = scale ** (1.0 / recipe.order)
         turn, quarter = recipe.quadrature
         if turn:
-            second = self._unit(candidate, dict(values) | {turn: values.get(turn, 0.0) + quarter})
+            second = self._unit(candidate, _in_quadrature(candidate))
             second_power = max(float(self._power(second, freedom)), 1e-30)
             second_scale = float(second @ self.whitening.transposed(self.whitening(residual))) / second_power
             gain += second_scale**2 * second_power
@@ -189,7 +195,7 @@ class Search(Fitting):
 
     def _scaled_by_group(self, candidate: Candidate, residual: np.ndarray) -> tuple[float, Candidate, dict]:
         """Return (promised gain, candidate, values) with the template scaled to the residual of each group."""
-        template = self._template([candidate.build()])
+        template = self._unit(candidate)
         gain, values = 0.0, {}
         low, high = self.bounds(candidate, candidate.recipe.size)
         for number, (name, value) in enumerate(candidate.values.items()):
@@ -201,11 +207,15 @@ class Search(Fitting):
             values[name] = min(max(scale * value, low), high)
         return gain, candidate, values
 
-    def freedom(self, fitted: Fitted | None) -> Freedom | None:
-        """Return the freedom of an explanation, None without effects."""
-        if fitted is None or not fitted.effects:
-            return None
-        return Freedom(self.whitening(self.slopes(fitted)))
+    def _freedom_beside(self, slopes: np.ndarray, own: slice) -> Freedom | None:
+        """Return the freedom of all effects but one, None without others.
+
+        Args:
+            slopes: of the parameters of all, see `slopes`.
+            own: where those of the one stand.
+        """
+        others = np.delete(slopes, own, axis=0)
+        return Freedom(self.whitening(others)) if len(others) else None
 
     def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]]) -> list[Fitted]:
         """Return explanations, each fitted from its start."""
@@ -251,7 +261,8 @@ class Search(Fitting):
         if number is None:
             return fitted
         candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
-        residual, freedom = self.comparison.residual - rest.template, self.freedom(rest)
+        residual = self.comparison.residual - rest.template
+        freedom = self._freedom_beside(self.slopes(fitted), fitted.spans[number])
         begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
         goal = self.misfit(rest.template) - fitted.misfit
 
@@ -371,13 +382,14 @@ class Search(Fitting):
         """
         found: dict[tuple, Fitted] = {}
         elsewhere: list[Fitted] = []
-        linearised = self.linearised(fitted, self.slopes(fitted))
-        for left_out in range(len(fitted.effects)):
+        slopes = self.slopes(fitted)
+        linearised = self.linearised(fitted, slopes)
+        for left_out, own in enumerate(fitted.spans):
             rest = self._without(fitted, left_out)
             base = rest.start
             goal = self.misfit(rest.template) - fitted.misfit
             margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
-            freedom = self.freedom(rest)
+            freedom = self._freedom_beside(slopes, own)
 
             def refined(
                 point: tuple,
@@ -485,6 +497,12 @@ class Search(Fitting):
                 there.append(template)
                 found.append((candidate, values))
         return found
+
+
+def _in_quadrature(candidate: Candidate) -> dict[str, float]:
+    """Return the values of a candidate's parameters with its phase a quarter of a turn on."""
+    turn, quarter = candidate.recipe.quadrature
+    return candidate.values | {turn: candidate.values.get(turn, 0.0) + quarter}
 
 
 def _is_reflection(candidate: Candidate) -> bool:

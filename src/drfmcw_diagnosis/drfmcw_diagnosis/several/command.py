@@ -57,7 +57,7 @@ def diagnose_several(wanted: Wanted, place: Place) -> int:
         for path in paths
     ]
     outcomes, joint = _work(orders, wanted, place)
-    _write(outcomes, joint, names, wanted)
+    _write(outcomes, joint, names, wanted, place.jobs)
     Console().print(terminal(outcomes, joint, names))
     bad = [o for o in outcomes if o.diagnosis is None]
     for outcome in bad:
@@ -86,7 +86,7 @@ def _work(orders: Sequence[Order], wanted: Wanted, place: Place) -> tuple[list[O
         return outcomes, settled(joint, [x for found in answers if found is not None for x in found])
 
 
-def _write(outcomes: Sequence[Outcome], joint: Joint, names: dict[str, str], wanted: Wanted) -> None:
+def _write(outcomes: Sequence[Outcome], joint: Joint, names: dict[str, str], wanted: Wanted, jobs: int) -> None:
     """Write each recording's files and those of all together."""
     reports = {}
     if wanted.out is not None:
@@ -99,7 +99,7 @@ def _write(outcomes: Sequence[Outcome], joint: Joint, names: dict[str, str], wan
             configuration = Path(refined).read_text(encoding='utf-8') if refined else ''
             text = json.dumps(outcome.diagnosis.as_object(), indent=2) + '\n'
             write_atomically(folder / 'finding.json', text)
-            write_atomically(folder / 'report.html', single.render_html(outcome.diagnosis, configuration))
+            write_atomically(folder / 'report.html', single.render_html(outcome.diagnosis, configuration, jobs))
             reports[outcome.path] = f'{names[outcome.path]}/report.html'
     finding = wanted.json or (str(wanted.out / 'joint.json') if wanted.out is not None else None)
     page = wanted.html or (str(wanted.out / 'joint.html') if wanted.out is not None else None)
