@@ -4,9 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.fft
 from checkout import DATA
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import special
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.engine import diagnose_dataset
@@ -14,6 +16,7 @@ from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.recording.limits import THINNING
 from drfmcw_diagnosis.recording.thinning import representative
 from drfmcw_diagnosis.search.bank import Candidate
+from drfmcw_diagnosis.search.events import beyond_events
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.standing import standings
@@ -78,6 +81,30 @@ def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'delay_offset', '', delay=0.01))
     assert not standing.stands
+
+
+@pytest.mark.parametrize('onset', [0.0, 4.0])
+def test_a_step_of_the_phase_is_no_ripple(data, onset):
+    """A ripple follows two thirds of a step within the sweep; beside a true ripple, no event gains as much."""
+    comparison = Comparison(data)
+    ripple = Effect.registry['sweep_ripple'](deviation=8.0, rate=1700.0, phase=0.4, station='master')
+    fitting = concealed(comparison, ripple)
+    found = fitted(fitting, 'sweep_ripple', 'master', deviation=5.0, rate=1600.0, phase=0.5)
+    length = float(np.linalg.norm(comparison.residual))
+    (beyond,) = beyond_events(fitting, found)
+    assert beyond > 0.1 * length**2 and standings(fitting, found)[0].stands
+    kind = next(k for k in comparison.kinds if k.name == 'ramp')
+    last = len(comparison.recorded.channels) - 1  # the difference of both phases
+    std = comparison.std['ramp'][:, last]
+    blocks = np.arange(std.shape[1])
+    step = special.ndtr((blocks - 0.55 * len(blocks)) / max(onset, 1e-3))
+    comparison.residual = np.zeros(len(comparison.residual))
+    comparison.residual[comparison.rows(kind, last)] = (scipy.fft.dct(step, norm='ortho') / std).ravel()
+    comparison.residual *= length / np.linalg.norm(comparison.residual)
+    fitting = Fitting(comparison)
+    found = fitted(fitting, 'sweep_ripple', 'master', deviation=5.0, rate=1600.0, phase=0.5)
+    (beyond,) = beyond_events(fitting, found)
+    assert beyond < -0.1 * length**2 and not standings(fitting, found)[0].stands
 
 
 def test_what_every_distance_has_of_its_own_is_confirmed_by_several_kinds_of_number(data):

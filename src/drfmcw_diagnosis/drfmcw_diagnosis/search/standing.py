@@ -11,6 +11,8 @@ So an effect of that kind is also in doubt where it leaves much of the range's e
 explains and the others cannot follow, and where others of that kind, which may nearly cancel it, make it many times
 less certain than it would be without them.
 
+What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`.
+
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
 a receiver's gain changes both.
 """
@@ -21,6 +23,7 @@ import numpy as np
 from scipy import stats
 
 from ..compare.algebra import scaled_inverse
+from .events import beyond_events
 from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
 from .leftovers import Leftover, leftovers
 
@@ -42,6 +45,7 @@ class StandingLimits:
     by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
+    event: float = -6.0  # of its gain beyond that of the best event, at least: odds of 20 to 1 [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
@@ -63,6 +67,7 @@ class Standing:
     left: float = 0.0  # of effects that the range alone shows
     unexplained: float = 0.0  # of effects that the noise alone shows
     inflated: float = 1.0  # likewise
+    beyond_event: float = np.inf  # of effects that show over the sweep alone
 
     @property
     def stands(self) -> bool:
@@ -77,7 +82,13 @@ class Standing:
             and self.left < LIMITS.left
             and self.unexplained < LIMITS.unexplained
             and self.inflated < LIMITS.inflated
+            and not self.is_event
         )
+
+    @property
+    def is_event(self) -> bool:
+        """True where a step or a bump within the sweep explains more than the effect."""
+        return self.beyond_event < LIMITS.event
 
 
 def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
@@ -95,6 +106,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     significant = [x for x in leftovers(fitting, fitted, derivatives) if x.probability < LIMITS.left_over]
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
+    beyond = beyond_events(fitting, fitted)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -119,6 +131,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 else 0.0,
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], left_over, measured),
                 inflated=inflations[number],
+                beyond_event=beyond[number],
             )
         )
     return found

@@ -4,11 +4,13 @@ import dataclasses
 
 import numpy as np
 
+from .events import beyond_events
 from .fitting import Fitted
 from .leftovers import Leftover, leftovers
 from .rivals import rivals, widened
 from .search import Search
 from .selection import Found, forward, pruned
+from .standing import LIMITS as STANDING
 from .standing import standings
 
 
@@ -42,9 +44,10 @@ class Judgement:
 def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     """Return the verdict on a recording.
 
-    Effects that leave nothing beyond chance explain it. A remainder far smaller than what they explain is reported and
-    changes nothing, provided that every effect stands by itself beside it, see `standing`: a small effect may imitate
-    what a large one leaves. Beside a larger one only those effects are named that stand.
+    Effects that leave nothing beyond chance explain it, unless an event without a name explains as much as one of them.
+    A remainder far smaller than what they explain is reported and changes nothing, provided that every effect stands by
+    itself beside it, see `standing`: a small effect may imitate what a large one leaves. Beside a larger one only those
+    effects are named that stand.
 
     Args:
         search: of the recording.
@@ -80,13 +83,16 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     explain count by the scatter that they really have, and the search goes on from what stands.
     """
     current: Fitted | None = found
+    dropped: set[tuple[str, str]] = set()
     for _ in range(LIMITS.rounds):
+        present = set(current.keys) if current is not None else set()
         current = _standing(search, current)
         before = current.keys if current is not None else ()
+        dropped |= present - set(before)
         search.count_as_noise(current)
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
-        if more is None or more.keys == before:
+        if more is None or set(more.keys) - dropped <= set(before):
             break
         current = more
     return _standing(search, current)
@@ -117,7 +123,7 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        return True
+        return not any(beyond < STANDING.event for beyond in beyond_events(search, fitted))
     if not all(_is_adequate(search, fitted, x) for x in left):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)
