@@ -25,7 +25,7 @@ from .report import Row, document, table
 
 R = TypeVar('R', Row, NetworkRow)
 
-_QUICK, _FULL = 100, 2000  # sweeps with the fault, per case
+_QUICK, _FULL = 100, 2500  # sweeps with the fault, per case
 
 
 @dataclasses.dataclass(frozen=True)
