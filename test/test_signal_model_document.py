@@ -246,8 +246,10 @@ def sizes():
         'with the nominal $T_\\mathrm{off}$: jitter of 2 ns, ref',
         f'{apart * k * 2e-9 * light / (2 * k) * 1e3:.3f} mm',
     )
-    _, late, distance = MODES[1]
+    mode, late, distance = MODES[1]
     delay = distance / light
+    center = dataclasses.replace(SWEEP, mode=int(mode), start_delay=late).window_center()
+    yield 'half wavelength', f'{((f0 + k * center) * 2 - (2 * fc - k * (late + 2 * delay))) / (2 * fc):.1e}'
     yield 'Doppler', f'{(delay + late / 2) * 1e6:.1f} µm'
     yield 'hardware delay', f'{10e-9 / 2 * apart / 2 * light * 1e3:.2f} mm'
     # range_bias is the reference's alone; ADCs that run from it count half of it back

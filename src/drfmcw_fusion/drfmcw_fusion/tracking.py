@@ -14,6 +14,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
@@ -55,8 +56,7 @@ def doppler_range_rate(path: PathDelay, chirp_rate: float) -> float:
     return path.center_frequency / chirp_rate + path.center_time
 
 
-@dataclasses.dataclass
-class _Point:
+class _Point(NamedTuple):
     """One sweep of a track."""
 
     stamp: int  # [ns]
@@ -96,10 +96,7 @@ class VelocityTracker:
     def copy(self) -> 'VelocityTracker':
         """Return a tracker that knows the same and goes on by itself."""
         other = copy.copy(self)
-        other._track = collections.deque(map(copy.copy, self._track), maxlen=_TRACK_LENGTH)
-        other._recent = collections.deque(self._recent, maxlen=_TRACK_LENGTH)
-        if other._track and other._recent:
-            other._recent[-1] = other._track[-1]  # one point, as `update` makes it
+        other._track, other._recent = self._track.copy(), self._recent.copy()
         return other
 
     def branch(self) -> 'VelocityTracker':
@@ -110,7 +107,10 @@ class VelocityTracker:
         return other
 
     def last_step(self) -> float:
-        """Return the displacement between the last two sweeps, by the phases [m]; NaN where they were not followed."""
+        """Return the displacement between the last two sweeps, by the phases [m]; NaN where they were not followed.
+
+        In half wavelengths at the window's centre, as the velocity; see `PathDelay.phase_frequency`.
+        """
         return self._track[-1].moved - self._track[-2].moved if len(self._track) > 1 else math.nan
 
     def coast(self, stamp: int) -> Motion:
@@ -132,7 +132,7 @@ class VelocityTracker:
             range_std: its standard deviation [m].
             refractive_index: of the air [1].
         """
-        half_wave = SPEED_OF_LIGHT / refractive_index / path.phase_frequency / 2.0
+        half_wave = SPEED_OF_LIGHT / refractive_index / path.center_frequency / 2.0
         pause = (stamp - self._stamp) * 1e-9
         if not 0.0 < pause <= _LONGEST_PAUSE:
             self._recent.clear()
@@ -170,10 +170,9 @@ class VelocityTracker:
 
     def _begin_anew(self, point: _Point) -> None:
         """Forget everything before a sweep to which the distance has jumped."""
-        point.moved = 0.0
         for points in (self._track, self._recent):
             points.clear()
-            points.append(point)
+            points.append(point._replace(moved=0.0))
         self._confirmed = False
 
     def _phase_step(self, phase: float, step_time: float, half_wave: float) -> float:
@@ -214,7 +213,7 @@ class VelocityTracker:
         turns = round(drift * 12.0 / (n * (n**2 - 1)) / half_wave)
         if turns:
             for i, point in enumerate(compared):
-                point.moved += turns * half_wave * i
+                self._track[i - n] = point._replace(moved=point.moved + turns * half_wave * i)
 
     def _fit_phases(self) -> Motion:
         """Return the velocity at the newest sweep from its displacements: a parabola, a line through few."""

@@ -55,6 +55,10 @@ class Verdict:
 
     def __and__(self, other: 'Verdict') -> 'Verdict':
         """Return the outcome of both."""
+        if other is PASSED:
+            return self
+        if self is PASSED:
+            return other
         return Verdict(max(self.decision, other.decision), self.failed | other.failed, math.hypot(self.std, other.std))
 
 

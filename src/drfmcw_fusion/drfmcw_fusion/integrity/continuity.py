@@ -285,7 +285,7 @@ def _extended(
     """
     step = (measured.stamp - track.measured.stamp) * 1e-9
     tracker, motion = _updated(track.tracker, measured, restart=track.measured.setting != measured.setting)
-    displacement, prior = tracker.last_step(), track.tracker.coast(measured.stamp)
+    displacement, prior = _by_phases(tracker, measured.path), track.tracker.coast(measured.stamp)
     if not _known(motion) and _known(prior):  # a range that has jumped says nothing about the velocity
         tracker, motion = _updated(track.tracker.branch(), measured)
         displacement = math.nan
@@ -357,6 +357,11 @@ def _anchored(
     anchor += difference / count
     kept = 1.0 - 1.0 / count
     return dataclasses.replace(after, anchor=anchor, anchored=count, carried=kept * carried, loose=kept * loose)
+
+
+def _by_phases(tracker: VelocityTracker, path: PathDelay) -> float:
+    """Return the displacement between the last two sweeps in wavelengths of the carrier that crossed the path [m]."""
+    return tracker.last_step() * (path.center_frequency / path.phase_frequency)
 
 
 def _beside(

@@ -173,6 +173,8 @@ class PairMonitor:
 
     def count(self, verdict: Verdict) -> None:
         """Count the failed tests."""
+        if not verdict.failed:
+            return
         for test in Test:
             if test and verdict.failed & test:
                 self.failures[str(test.name).lower()] += 1
