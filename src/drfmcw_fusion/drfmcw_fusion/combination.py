@@ -33,6 +33,7 @@ class PathDelay:
     center_time: float  # centre of the analysis window after station 1's sweep start [s]
     center_frequency: float  # sweep frequency at that time [Hz]
     phase_frequency: float  # half a turn of carrier_phase per delay, NaN where that is [Hz]
+    start_delay_excess: float = math.nan  # see `start_delay_excess` [s]
 
 
 def combine(first: Station, second: Station, alpha_correction: bool = True) -> PathDelay:
@@ -59,15 +60,17 @@ def combine(first: Station, second: Station, alpha_correction: bool = True) -> P
         sweeps, calibrations = (first.sweep, second.sweep), (first.calibration, second.calibration)
         delay = delay_on_true_clocks(sweeps, calibrations, (first.beat.frequency, second.beat.frequency))
         center = center / first.calibration.sample_clock_alpha
+    excess = start_delay_excess(first, second, delay)
     alphas = (first.calibration.alpha, second.calibration.alpha) if alpha_correction else (1.0, 1.0)
     return PathDelay(
         uncorrected=uncorrected,
         delay=delay,
         std=_delay_std(first, second, delay),
-        carrier_phase=_carrier_phase(first, second, delay),
+        carrier_phase=_carrier_phase(first, second, delay, excess),
         center_time=center,
         center_frequency=sweep.start_frequency + k * center,
         phase_frequency=_phase_frequency(sweep, delay) * sum(alphas) / 2.0,
+        start_delay_excess=excess,
     )
 
 
@@ -109,7 +112,7 @@ def own_path(station: Station, alpha_correction: bool = True) -> PathDelay:
     )
 
 
-def _carrier_phase(first: Station, second: Station, delay: float) -> float:
+def _carrier_phase(first: Station, second: Station, delay: float, excess: float) -> float:
     """Return phi_IF,1 - phi_IF,2 at the same absolute time, in which the oscillators' phases and T_off cancel [rad].
 
     Both phases are reported at the centre of the station's own sweep; station 2's lies T_off later. The true T_off
@@ -118,7 +121,6 @@ def _carrier_phase(first: Station, second: Station, delay: float) -> float:
     """
     s1, s2 = first.sweep.line_sign(), second.sweep.line_sign()
     k, start_delay = first.sweep.chirp_rate, first.sweep.start_delay
-    excess = start_delay_excess(first, second, delay)
     late = 2.0 * math.pi * second.beat.frequency * (start_delay + excess)
     # [phi_1(t) - phi_1(t - tau)] + [phi_2(t - T_off) - phi_2(t - T_off - tau)]: the second interval's chirp is earlier
     return s1 * first.beat.phase - s2 * (second.beat.phase - late) + 2.0 * math.pi * k * excess * delay

@@ -14,7 +14,7 @@ from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
-from .combination import PathDelay, Station, combine, own_path, start_delay_excess
+from .combination import PathDelay, Station, combine, own_path
 from .integrity.checks import PASSED, Decision, Verdict
 from .integrity.continuity import Limits, Measured
 from .integrity.monitor import INTEGRITY_RISK, Judgement, PairMonitor
@@ -348,7 +348,7 @@ class RangeFusion:
             protection_level=judged.protection_level(range_std) if not flags & USELESS else math.inf,
             integrity_risk=INTEGRITY_RISK if not flags & USELESS else 1.0,
             failed_tests=int(verdict.failed),
-            start_delay_excess=math.nan if first is second else start_delay_excess(first, second, path.delay),
+            start_delay_excess=path.start_delay_excess,
             correlated_std=correlated_std,
         )
 

@@ -5,6 +5,7 @@ Equation numbers are those of the paper (see docs/architecture.md for the analys
 
 import dataclasses
 import enum
+import functools
 import math
 
 from .settings import ConfigurationError, parameter
@@ -104,6 +105,10 @@ class SweepSettings:
         Both stations' windows cover the same absolute time, from T_off and the largest delay on, when each hears the
         other at any distance, to T_sw; T_off then cancels as in eqs. 16-18.
         """
+        return self._analysis_window
+
+    @functools.cached_property
+    def _analysis_window(self) -> tuple[float, float]:
         start = min(max(largest_delay(self), 0.0), self.ramp_duration / 64) + self.cut[0]
         end = min(self.ramp_duration, self.record_duration) - self.cut[1]
         if self.hears_itself:

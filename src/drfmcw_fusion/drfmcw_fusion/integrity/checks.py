@@ -8,7 +8,7 @@ from drfmcw_node.estimators.estimation import Flag as BeatFlag
 from drfmcw_physics.link_budget import free_space_loss
 from drfmcw_physics.sweep import SweepSettings
 
-from ..combination import PathDelay, Station, start_delay_excess
+from ..combination import PathDelay, Station
 from .settings import IntegritySettings
 
 NOISE_FACTOR = 5.0
@@ -80,7 +80,7 @@ def start_delay(
     well, by f_c / k per unit; where both powers say that the lines are the peer's, it is taken for that.
     """
     sweep = first.sweep
-    excess = start_delay_excess(first, second, path.delay)
+    excess = path.start_delay_excess
     rate = abs(sweep.chirp_rate)
     noise = NOISE_FACTOR * math.hypot(first.beat.frequency_std, second.beat.frequency_std) / (2.0 * rate)
     if abs(excess) <= settings.start_delay_tolerance + noise:
