@@ -86,14 +86,14 @@ standard deviation that is published.
 {table(rows)}
 
 Of {sweeps} sweeps {wrong} were valid and wrong, and {beyond} were valid and beyond their protection level (95 % bound
-{bound(beyond, sweeps):.1e}; the goal is 1e-5). Clean: {clean.sweeps - clean.valid} of {clean.sweeps} were refused (95 % bound
-{bound(clean.sweeps - clean.valid, clean.sweeps):.1e}).
+{bound(beyond, sweeps):.1e}; the goal is 1e-5). Clean: {clean.sweeps - clean.valid} of {clean.sweeps} were refused
+(95 % bound {bound(clean.sweeps - clean.valid, clean.sweeps):.1e}).
 
 {_networks(links)}## What the data cannot show
 
 | fault | how large it may be | what would show it |
 | - | - | - |
-| second path within the resolution that rises slowly | tenths of a metre, within the protection level | the map of the site |
+| second path within the resolution that rises | tenths of a metre, within the protection level | the site's map |
 | direct path blocked from the first sweep on | the excess length | a reference instrument, the map of the site |
 | constant extra delay (cable, calibration) | any; 0.3 m/ns | an indoor calibration, SD/LD cross-check |
 | both references off by the same amount | 1 mm per km and ppm of one of them | a second reference |
