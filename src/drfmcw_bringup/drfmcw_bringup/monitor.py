@@ -13,6 +13,7 @@ from drfmcw_msgs.msg import RangeEstimate
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from drfmcw_fusion.pipeline import flag_names
 from drfmcw_ros import qos
 from drfmcw_ros.messages import stamp_ns
 from drfmcw_ros.publishers import Publishers
@@ -91,7 +92,7 @@ class RangeMonitor(Node):
         if m is None:
             return f'{pair}: waiting for the first range'
         mode = 'LD' if m.mode == 1 else 'SD'
-        doubt = f' flags {m.flags}' if m.flags else ''
+        doubt = f' {", ".join(flag_names(m.flags))}' if m.flags else ''
         if self._sources[pair].several:
             doubt += f' MIXED: {self._sources[pair].doubt}'
         return f'{pair}: {m.range:9.3f} m +- {m.range_std * 1e3:5.2f} mm {m.velocity:+6.3f} m/s {mode}{doubt}'
