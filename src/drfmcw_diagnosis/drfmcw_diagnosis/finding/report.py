@@ -84,6 +84,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '', jobs: int = 1) ->
     effects = diagnosis.explanation.effects if diagnosis.explanation else ()
     ranges = _range_series(diagnosis.series)
     others = sorted((s for s in diagnosis.series if s is not ranges), key=lambda s: -_excess(s))
+    chosen, left_out = others[: PAGE.most], others[PAGE.most :]
     learnt = sorted(diagnosis.learnt, key=lambda s: -_excess(s))[: PAGE.most]
 
     def map_drawn() -> str | None:
@@ -94,11 +95,11 @@ def render_html(diagnosis: Diagnosis, configuration: str = '', jobs: int = 1) ->
         map_drawn,
         lambda: _uri(plots.held_out(diagnosis.fit)) if explained else None,
         lambda: ranges and _panel(ranges, diagnosis),
-        *(functools.partial(_panel, s, diagnosis) for s in others[: PAGE.most]),
+        *(functools.partial(_panel, s, diagnosis) for s in chosen),
         *(functools.partial(_learnt_panel, s) for s in learnt),
     ]
     misfit_map, held_out, range_panel, *rest = Workers(jobs).map(lambda draw: draw(), drawing)
-    panels, learnt_panels = rest[: len(others[: PAGE.most])], rest[len(others[: PAGE.most]) :]
+    panels, learnt_panels = rest[: len(chosen)], rest[len(chosen) :]
     shown = min(PAGE.unfolded, max(PAGE.least, sum(map(_is_informative, others))))
     return _TEMPLATES.get_template('report.html').render(
         d=diagnosis,
@@ -112,7 +113,7 @@ def render_html(diagnosis: Diagnosis, configuration: str = '', jobs: int = 1) ->
         misfit_map=misfit_map,
         panels=panels[:shown],
         folded=panels[shown:],
-        left_out=max(0, len(others) - PAGE.most),
+        left_out=len(left_out),
         ranges=range_panel,
         learnt=learnt_panels,
         measured=diagnosis.remainder and diagnosis.remainder.measured,

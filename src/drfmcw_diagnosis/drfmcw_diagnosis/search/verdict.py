@@ -83,16 +83,13 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     explain count by the scatter that they really have, and the search goes on from what stands.
     """
     current: Fitted | None = found
-    dropped: set[tuple[str, str]] = set()
     for _ in range(LIMITS.rounds):
-        present = set(current.keys) if current is not None else set()
         current = _standing(search, current)
         before = current.keys if current is not None else ()
-        dropped |= present - set(before)
         search.count_as_noise(current)
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
-        if more is None or set(more.keys) - dropped <= set(before):
+        if more is None or more.keys == before:
             break
         current = more
     return _standing(search, current)
