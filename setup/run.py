@@ -5,6 +5,7 @@ This module also runs under Pythons too old for drfmcw itself: nothing newer tha
 
 import glob
 import os
+import signal
 
 from setup import stamp
 
@@ -12,9 +13,15 @@ _MOST_WORKERS = 4  # of the tests: many of them start processes of their own
 
 
 def execute(root, module, arguments):
-    """Replace this process by `python -m module arguments` in the environment; does not return."""
+    """Replace this process by `python -m module arguments` in the environment; does not return.
+
+    A SIGINT waits until `drfmcw_ros.begin` takes it, so that none ends in a traceback of the interpreter's start.
+    """
     python = os.path.join(root, stamp.VENV, "bin", "python")
     target = [os.path.join(root, module)] if module.endswith("/") else ["-m", module]
+    if module.startswith("drfmcw_"):
+        target = ["-m", "drfmcw_ros.begin", module]
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     environ = variables(root, os.environ)
     if module == "pytest":
         environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")

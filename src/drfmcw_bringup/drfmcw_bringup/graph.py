@@ -81,8 +81,9 @@ def _interrupt(signum: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _end_with_parent() -> None:
-    """Ask Linux for a SIGINT when the parent dies, so that not even kill -9 leaves a graph behind."""
+def _begin_member() -> None:
+    """Block SIGINT for `drfmcw_ros.begin`; ask Linux for one when the parent dies: not even kill -9 leaves a graph."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
@@ -136,7 +137,7 @@ class Graph:
         if self._log_directory is not None:
             self._log_directory.mkdir(parents=True, exist_ok=True)
             log = open(self._log_directory / f'{name}.log', 'w', encoding='utf-8')  # noqa: SIM115 closed in stop()
-        command = [sys.executable, '-m', module, *arguments]
+        command = [sys.executable, '-m', 'drfmcw_ros.begin', module, *arguments]
         member = Member(name, command, self._spawn(command, log), log, keep_alive, optional)
         self.members[name] = member
         return member
@@ -150,7 +151,7 @@ class Graph:
             stdout=log,
             stderr=subprocess.STDOUT if log else None,
             start_new_session=True,
-            preexec_fn=_end_with_parent,
+            preexec_fn=_begin_member,
         )
 
     def tend(self) -> list[Member]:

@@ -2,8 +2,10 @@
 
 import argparse
 import os
+import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -24,6 +26,8 @@ def guarded(prog: str, work: Callable[[], int | None]) -> int:
 
     An error of the operating system counts as wrong input: what it could not open, make or write.
     """
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # of `begin`, which a Ctrl-C ended at once
     try:
         return work() or 0
     except ConfigurationError as error:

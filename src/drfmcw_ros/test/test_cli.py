@@ -1,6 +1,9 @@
 """What every command line makes of errors."""
 
 import errno
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -42,3 +45,25 @@ def test_other_ends_are_silent(work, status, capsys):
 def test_faults_of_the_program_are_not_hidden():
     with pytest.raises(ZeroDivisionError):
         guarded('drfmcw x', lambda: 1 // 0)
+
+
+BEGIN = [sys.executable, '-m', 'drfmcw_ros.begin', 'drfmcw_ros.bag.info', '/nowhere/at/all']
+
+
+def blocked():
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+def test_ctrl_c_while_the_interpreter_starts_is_silent():
+    """It is sent at once, so it waits until `begin` takes it, ahead of all imports of the module."""
+    process = subprocess.Popen(BEGIN, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=blocked)
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=120) == (None, b'')
+    assert process.returncode == -signal.SIGINT
+
+
+def test_a_module_that_was_begun_is_the_main_one():
+    direct = [*BEGIN[:2], *BEGIN[3:]]
+    one, other = (subprocess.run(words, capture_output=True, timeout=120, check=False) for words in (BEGIN, direct))
+    assert (one.returncode, one.stdout, one.stderr) == (other.returncode, other.stdout, other.stderr)
+    assert one.returncode == 2 and one.stderr.count(b'\n') == 1

@@ -135,7 +135,7 @@ class Work:
         log = results / f'{kind}.log'
         with log.open('wb') as output:
             process = subprocess.Popen(
-                [sys.executable, '-m', *command],
+                [sys.executable, '-m', 'drfmcw_ros.begin', *command],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -160,5 +160,6 @@ class Work:
 
 def _prepare(niceness: int) -> None:
     """In the new process: give way to the graph, and end with the host, even where that is killed (Linux)."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until `drfmcw_ros.begin` takes it
     os.nice(niceness)
     _LIBRARY.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
