@@ -1,7 +1,6 @@
 """Monte Carlo: the same bits whoever does the work, honest statistics, and one line where something is wrong."""
 
 import dataclasses
-import json
 import math
 import os
 import signal
@@ -12,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from checkout import CONFIG, ROOT
+from checkout import CONFIG
+from dask_clusters import dask_cluster
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import mapping, record, scene
@@ -32,8 +32,6 @@ from drfmcw_study.trials.results import ResultDirectory
 from drfmcw_study.trials.running import run
 from drfmcw_study.trials.study import Study, StudyStopped, point_seed
 
-MODULES = [str(Path(__file__).parent), str(ROOT / 'test')]
-"""Where a worker finds this module and what it imports."""
 EXACT_WEATHER = {'temperature_std': 0.0, 'pressure_std': 0.0, 'humidity_std': 0.0}
 SCENARIO = mapping({'standing': {'distances': [60.0, 700.0]}}, alphas=(1.000006, 0.999991))
 
@@ -79,31 +77,8 @@ def refusing(point, sweeps):
 
 @pytest.fixture(scope='module')
 def cluster(tmp_path_factory):
-    """A Dask scheduler and two workers, each a process of its own; yields (address, worker processes)."""
-    folder = tmp_path_factory.mktemp('dask')
-    where = folder / 'scheduler.json'
-    environment = os.environ | {'PYTHONPATH': os.pathsep.join([*MODULES, os.environ.get('PYTHONPATH', '')])}
-
-    def start(name, *arguments):
-        command = [sys.executable, '-m', 'dask', *arguments, '--no-dashboard']
-        with open(folder / f'{name}.log', 'w') as log:
-            return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
-
-    local = ('--host', '127.0.0.1')
-    processes = [start('scheduler', 'scheduler', *local, '--port', '0', '--scheduler-file', str(where))]
-    try:
-        for _ in range(600):
-            if where.exists() and where.stat().st_size:
-                break
-            time.sleep(0.05)
-        address = json.loads(where.read_text())['address']
-        workers = [start(f'worker{i}', 'worker', address, *local, '--nthreads', '1', '--no-nanny') for i in range(2)]
-        processes += workers
-        yield address, workers
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+    with dask_cluster(tmp_path_factory.mktemp('dask')) as started:
+        yield started
 
 
 def test_one_process_two_processes_and_a_cluster_give_the_same_bits(tmp_path, cluster):

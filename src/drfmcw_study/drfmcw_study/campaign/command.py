@@ -6,36 +6,27 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rich.console import Console
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.work.cluster import on_cluster
 from drfmcw_ros.work.processes import WorkFailed, unordered
 
 from .faults import Fault, faults
 from .fuzz import fuzz, summary
 from .fuzz_targets import targets
-from .measuring import Counts, cases, measure
-from .network import NETWORK_SWEEPS, NetworkRow, network_row, network_table, networks
+from .network import NETWORK_SWEEPS, NetworkRow, network_table, networks
 from .report import Row, document, table
+from .trying import Try, tried
 
 R = TypeVar('R', Row, NetworkRow)
 
 _QUICK, _FULL = 100, 2500  # sweeps with the fault, per case
-
-
-@dataclasses.dataclass(frozen=True)
-class _Try:
-    """One fault to try, by name, since functions do not reach another process."""
-
-    fault: str  # or network
-    size: str  # '' of a network
-    sweeps: int
-    seed: int
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -48,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--report', metavar='FILE', help='write the report, as docs/reliability.md')
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N', help='processes (all cores)')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask scheduler whose workers do it: tcp://host:8786')
     parser.add_argument('--fuzz', type=float, metavar='MINUTES', help='fuzz all inputs instead, for so long')
     parser.add_argument('--corpus', type=Path, metavar='DIR', help='inputs that --fuzz starts from and adds to')
     parser.add_argument('--seed', type=int, default=1, help='of all random numbers')
@@ -85,17 +77,17 @@ def _run(arguments: argparse.Namespace, console: Console) -> int:
         raise ConfigurationError(f'--jobs {options["jobs"]}: at least 1')
     sweeps, seed = _QUICK if options['quick'] else _FULL, options['seed']
     directory = _made(options['out'])
-    tries = [_Try(fault.name, fault.size, sweeps, seed) for fault in chosen]
-    tries += [_Try(link.name, '', max(sweeps, NETWORK_SWEEPS), seed) for link in links]
+    tries = [Try(fault.name, fault.size, sweeps, seed) for fault in chosen]
+    tries += [Try(link.name, '', max(sweeps, NETWORK_SWEEPS), seed) for link in links]
     paths = [directory / f'{_file_name(order)}_{order.sweeps}_{seed}.json' for order in tries]
     missing = [number for number, path in enumerate(paths) if not path.exists()]
     try:
-        for number, row in unordered(_row, [tries[number] for number in missing], options['jobs']):
+        for number, row in _results([tries[number] for number in missing], options, console):
             write_atomically(paths[missing[number]], json.dumps(dataclasses.asdict(row)) + '\n')
             name = row.name if isinstance(row, NetworkRow) else f'{row.fault}, {row.size}'
             console.print(f'{name}: {row.wrong} of {row.sweeps} wrong', highlight=False)
     except WorkFailed as error:
-        raise ConfigurationError(f'a worker process died ({error}); call again to resume') from None
+        raise ConfigurationError(f'a worker died ({error}); call again to resume') from None
     rows = [_read(path, Row) for path in paths[: len(chosen)]]
     of_links = [_read(path, NetworkRow) for path in paths[len(chosen) :]]
     print(table(rows))
@@ -105,6 +97,13 @@ def _run(arguments: argparse.Namespace, console: Console) -> int:
         command = f'./drfmcw campaign{" --quick" * options["quick"]} --seed {seed}'
         write_atomically(options['report'], document(rows, of_links, command))
     return 1 if any(row.wrong for row in rows) or any(row.wrong for row in of_links) else 0
+
+
+def _results(orders: list[Try], options: dict[str, Any], console: Console) -> Iterator[tuple[int, Row | NetworkRow]]:
+    """Yield (index of the order, its row) as processes, or the workers of a Dask cluster, finish."""
+    if options['scheduler'] is None or not orders:
+        return unordered(tried, orders, options['jobs'])
+    return on_cluster(tried, orders, options['scheduler'], lambda line: console.print(line, highlight=False))
 
 
 def _read(path: Path, kind: Callable[..., R]) -> R:
@@ -122,26 +121,7 @@ def _chosen(names: list[str] | None) -> list[Fault]:
     return [fault for fault in known if not names or fault.name in names]
 
 
-def _row(order: _Try) -> Row | NetworkRow:
-    """Try a fault or a network at all distances."""
-    if not order.size:
-        network = next(network for network in networks() if network.name == order.fault)
-        return network_row(network, order.sweeps, order.seed)
-    fault = next(fault for fault in faults() if (fault.name, fault.size) == (order.fault, order.size))
-    found: list[Counts] = [measure(case) for case in cases(fault, order.sweeps, order.seed)]
-    return Row(
-        fault.name,
-        fault.size,
-        sum(c.sweeps for c in found),
-        sum(c.valid for c in found),
-        sum(c.wrong for c in found),
-        sum(c.beyond for c in found),
-        max(c.undetected for c in found),
-        max(c.worst for c in found),
-    )
-
-
-def _file_name(order: _Try) -> str:
+def _file_name(order: Try) -> str:
     return ''.join(c if c.isalnum() else '_' for c in f'{order.fault}_{order.size or "network"}')
 
 
