@@ -1,7 +1,6 @@
 """The processes of a graph: started by name, watched, restarted where they die, stopped cleanly."""
 
 import collections
-import ctypes
 import dataclasses
 import fcntl
 import os
@@ -9,7 +8,6 @@ import random
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -18,6 +16,7 @@ from pathlib import Path
 from typing import IO
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.work import children
 
 SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drfmcw_fusion.fusion'
 PAIR_STATION, RECORDER, REPLAY = 'drfmcw_node.pair_station', 'drfmcw_ros.bag.record', 'drfmcw_fusion.replay'
@@ -30,7 +29,6 @@ _FIRST_DELAY, _LONGEST_DELAY = 0.5, 30.0  # before a restart [s]
 _STABLE = 60.0  # after which a process that dies is restarted as if for the first time [s]
 WRONG_CONFIGURATION = 2
 """Exit status of a process that need not be started again."""
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
 _reserved: collections.deque[IO] = collections.deque(maxlen=8)  # locks of the newest domains of this process
@@ -79,12 +77,6 @@ def parameters(values: Mapping[str, object], file: Path | None = None) -> list[s
 
 def _interrupt(signum: int, frame: object) -> None:
     raise KeyboardInterrupt
-
-
-def _begin_member() -> None:
-    """Block SIGINT for `drfmcw_ros.begin`; ask Linux for one when the parent dies: not even kill -9 leaves a graph."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 @dataclasses.dataclass
@@ -137,7 +129,7 @@ class Graph:
         if self._log_directory is not None:
             self._log_directory.mkdir(parents=True, exist_ok=True)
             log = open(self._log_directory / f'{name}.log', 'w', encoding='utf-8')  # noqa: SIM115 closed in stop()
-        command = [sys.executable, '-m', 'drfmcw_ros.begin', module, *arguments]
+        command = children.command(module, *arguments)
         member = Member(name, command, self._spawn(command, log), log, keep_alive, optional)
         self.members[name] = member
         return member
@@ -151,7 +143,7 @@ class Graph:
             stdout=log,
             stderr=subprocess.STDOUT if log else None,
             start_new_session=True,
-            preexec_fn=_begin_member,
+            preexec_fn=children.prepare,
         )
 
     def tend(self) -> list[Member]:

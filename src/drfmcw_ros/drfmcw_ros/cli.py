@@ -37,11 +37,16 @@ def guarded(prog: str, work: Callable[[], int | None]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # a directory that is a file, a full disk: nothing that a traceback would say better
-        where = f'{os.fsdecode(error.filename)}: ' if isinstance(error.filename, (str, bytes)) else ''
-        print(f'{prog}: {where}{error.strerror or error}', file=sys.stderr)
+        print(f'{prog}: {reason(error)}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def reason(error: OSError) -> str:
+    """Return what an error of the operating system says, in one line."""
+    where = f'{os.fsdecode(error.filename)}: ' if isinstance(error.filename, (str, bytes)) else ''
+    return f'{where}{error.strerror or error}'
 
 
 def split_ros_arguments(argv: Sequence[str] | None) -> tuple[list[str], list[str]]:

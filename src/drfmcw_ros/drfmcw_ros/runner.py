@@ -19,6 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
 
+from .cli import reason
 from .operation.security import refuse_pretence
 from .operation.watchdog import Watchdog
 
@@ -41,7 +42,8 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
     An exception in a callback ends the callback, not the process: `spin` counts it and the diagnostics report it.
 
     Returns:
-        0 after a clean end, 2 after a wrong configuration (one line on stderr names it).
+        0 after a clean end, 2 after a wrong configuration, 1 after an error of the operating system (one line on
+        stderr names either).
     """
     try:
         refuse_pretence(os.environ)
@@ -70,6 +72,11 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
             raise
         print(f'drfmcw: {" ".join(str(error).split()).partition(", at /")[0]}', file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        raise
+    except OSError as error:  # a device that is not there yet: whoever supervises the node may try again
+        print(f'drfmcw: {reason(error)}', file=sys.stderr)
+        return 1
     finally:
         # a second signal while cleaning up must not end in a traceback
         signal.signal(signal.SIGINT, signal.SIG_IGN)

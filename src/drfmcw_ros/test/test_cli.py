@@ -9,6 +9,7 @@ import pytest
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import guarded
+from drfmcw_ros.work import children
 
 
 def raising(error):
@@ -47,16 +48,12 @@ def test_faults_of_the_program_are_not_hidden():
         guarded('drfmcw x', lambda: 1 // 0)
 
 
-BEGIN = [sys.executable, '-m', 'drfmcw_ros.begin', 'drfmcw_ros.bag.info', '/nowhere/at/all']
-
-
-def blocked():
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+BEGIN = children.command('drfmcw_ros.bag.info', '/nowhere/at/all')
 
 
 def test_ctrl_c_while_the_interpreter_starts_is_silent():
     """It is sent at once, so it waits until `begin` takes it, ahead of all imports of the module."""
-    process = subprocess.Popen(BEGIN, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=blocked)
+    process = subprocess.Popen(BEGIN, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=children.prepare)
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=120) == (None, b'')
     assert process.returncode == -signal.SIGINT
@@ -67,3 +64,18 @@ def test_a_module_that_was_begun_is_the_main_one():
     one, other = (subprocess.run(words, capture_output=True, timeout=120, check=False) for words in (BEGIN, direct))
     assert (one.returncode, one.stdout, one.stderr) == (other.returncode, other.stdout, other.stderr)
     assert one.returncode == 2 and one.stderr.count(b'\n') == 1
+
+
+def test_node_that_lacks_a_device_may_be_started_again():
+    """Status 2 is final for whoever supervises it; what the system refuses now may be there later."""
+    program = """
+from drfmcw_ros.cli import guarded
+from drfmcw_ros.runner import run
+
+def node():
+    open('/nowhere/at/all')
+
+raise SystemExit(guarded('drfmcw x', lambda: run(node, [])))
+"""
+    ended = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=120, check=False)
+    assert (ended.returncode, ended.stderr) == (1, 'drfmcw: /nowhere/at/all: No such file or directory\n')

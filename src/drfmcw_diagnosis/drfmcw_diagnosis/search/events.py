@@ -11,8 +11,7 @@ import numpy as np
 import scipy.fft
 from scipy import special
 
-from ..compare.algebra import scaled_inverse
-from .fitting import Fitted, Fitting
+from .fitting import Fitted, Fitting, Freedom
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +29,9 @@ class EventLimits:
 
     longest: float = 2.0
     """Standard deviation of a bump, at most: wider ones resemble a curved ramp [blocks]; chosen."""
+
+    beaten: float = -6.0
+    """Gain of an effect beyond that of the best event, below which it is in doubt: odds of 20 to 1; chosen."""
 
     parameter: float = 2.0
     """Gain that each parameter must bring which an effect has more than an event (Akaike 1974)."""
@@ -62,25 +64,21 @@ def beyond_events(fitting: Fitting, fitted: Fitted) -> list[float]:
         if float(np.sum(added[over_sweep] ** 2)) < LIMITS.by_ramp * float(added @ added):
             found.append(np.inf)
             continue
-        beside = np.delete(slopes, own, axis=0)
-        inverse = scaled_inverse(beside @ beside.T)
-        unexplained = rest + added
-        followed = beside @ unexplained
-        gain = float(unexplained @ unexplained - followed @ inverse @ followed - rest @ rest)
-        unexplained = unexplained - (inverse @ followed) @ beside
-        best = max(_gains(fitting, unexplained, beside, inverse), default=0.0)
+        beside = Freedom(np.delete(slopes, own, axis=0))
+        unexplained = beside.left(rest + added)
+        gain = float(unexplained @ unexplained - rest @ rest)
+        best = max(_gains(fitting, unexplained, beside))
         found.append(gain - best - LIMITS.parameter * max(own.stop - own.start - LIMITS.of_event, 0))
     return found
 
 
-def _gains(fitting: Fitting, rest: np.ndarray, beside: np.ndarray, inverse: np.ndarray) -> Iterator[float]:
+def _gains(fitting: Fitting, rest: np.ndarray, beside: Freedom) -> Iterator[float]:
     """Yield the gain of the best event in each channel of the ramp, in both phases, as large at all distances or not.
 
     Args:
         fitting: of the recording.
         rest: what is to be explained, beyond what other effects can follow, whitened (n,).
-        beside: whitened derivatives of the other effects' parameters (P, n).
-        inverse: their covariance (P, P).
+        beside: of the other effects.
     """
     c = fitting.comparison
     kind = next(k for k in c.kinds if k.name == 'ramp')
@@ -93,14 +91,14 @@ def _gains(fitting: Fitting, rest: np.ndarray, beside: np.ndarray, inverse: np.n
     for law in (np.ones_like(near), near):
         for sign in signs:
             remains, power = np.zeros(len(shapes)), np.zeros(len(shapes))
-            imitated = np.zeros((len(shapes), len(beside)))
+            imitated = np.zeros((len(shapes), len(beside.slopes)))
             for channel, factor in sign.items():
                 rows, std = channels[channel]
                 share = factor * law[:, None] * fitting.whitening.weight[rows].reshape(std.shape) / std
                 remains += shapes @ np.sum(rest[rows].reshape(std.shape) * share, axis=0)
                 power += shapes**2 @ np.sum(share**2, axis=0)
-                imitated += shapes @ np.einsum('pgk,gk->kp', beside[:, rows].reshape(-1, *std.shape), share)
-            left = power - np.einsum('mp,pq,mq->m', imitated, inverse, imitated)
+                imitated += shapes @ np.einsum('pgk,gk->kp', beside.slopes[:, rows].reshape(-1, *std.shape), share)
+            left = power - beside.power(imitated)
             used = left > LIMITS.least_power * power
             yield float(np.max(remains[used] ** 2 / left[used], initial=0.0))
 

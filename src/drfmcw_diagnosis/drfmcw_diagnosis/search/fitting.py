@@ -108,16 +108,19 @@ class Freedom:
 
     def __init__(self, slopes: np.ndarray) -> None:
         """Take the whitened derivatives of a template by its parameters (P, n)."""
-        self._slopes = slopes
+        self.slopes = slopes
         self._inverse = scaled_inverse(slopes @ slopes.T)
 
     def left(self, values: np.ndarray) -> np.ndarray:
         """Return what they cannot follow of whitened values (..., n)."""
-        return values - (values @ self._slopes.T) @ self._inverse @ self._slopes
+        return values - (values @ self.slopes.T) @ self._inverse @ self.slopes
 
     def followed(self, values: np.ndarray) -> np.ndarray:
         """Return the squared length of what they follow of whitened values (..., n)."""
-        along = values @ self._slopes.T
+        return self.power(values @ self.slopes.T)
+
+    def power(self, along: np.ndarray) -> np.ndarray:
+        """Return the squared length of what they follow of values by these values' products with `slopes` (..., P)."""
         return np.einsum('...p,pq,...q->...', along, self._inverse, along)
 
 

@@ -207,14 +207,14 @@ class Search(Fitting):
             values[name] = min(max(scale * value, low), high)
         return gain, candidate, values
 
-    def _freedom_beside(self, slopes: np.ndarray, own: slice) -> Freedom | None:
-        """Return the freedom of all effects but one, None without others.
+    def _freedom_beside(self, slopes: np.ndarray, *own: slice) -> Freedom | None:
+        """Return the freedom of all effects but some, None without others.
 
         Args:
             slopes: of the parameters of all, see `slopes`.
-            own: where those of the one stand.
+            own: where those of each left out stand.
         """
-        others = np.delete(slopes, own, axis=0)
+        others = np.delete(slopes, np.r_[own], axis=0)
         return Freedom(self.whitening(others)) if len(others) else None
 
     def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]]) -> list[Fitted]:
@@ -459,8 +459,7 @@ class Search(Fitting):
         def gains_as_much(item: tuple[tuple, list[Candidate]]) -> bool:
             (_, _, replaced), several = item
             rest = self._without(fitted, *replaced)
-            kept = [slopes[own] for i, own in enumerate(fitted.spans) if i not in replaced]
-            freedom = Freedom(self.whitening(np.concatenate(kept))) if kept else None
+            freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced))
             most = max(several, key=lambda c: len(c.values))
             alone = self.fit([(most, most.values)], SEARCH.first_steps, rest.template, freedom)
             return alone.misfit - fitted.misfit < SEARCH.far * SEARCH.rival

@@ -23,6 +23,7 @@ import numpy as np
 from scipy import stats
 
 from ..compare.algebra import scaled_inverse
+from .events import LIMITS as EVENTS
 from .events import beyond_events
 from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
 from .leftovers import Leftover, leftovers
@@ -45,7 +46,6 @@ class StandingLimits:
     by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
-    event: float = -6.0  # of its gain beyond that of the best event, at least: odds of 20 to 1 [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
@@ -88,7 +88,7 @@ class Standing:
     @property
     def is_event(self) -> bool:
         """True where a step or a bump within the sweep explains more than the effect."""
-        return self.beyond_event < LIMITS.event
+        return self.beyond_event < EVENTS.beaten
 
 
 def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 
+from .events import LIMITS as EVENTS
 from .events import beyond_events
 from .fitting import Fitted
 from .leftovers import Leftover, leftovers
 from .rivals import rivals, widened
 from .search import Search
 from .selection import Found, forward, pruned
-from .standing import LIMITS as STANDING
 from .standing import standings
 
 
@@ -120,7 +120,7 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        return not any(beyond < STANDING.event for beyond in beyond_events(search, fitted))
+        return not any(beyond < EVENTS.beaten for beyond in beyond_events(search, fitted))
     if not all(_is_adequate(search, fitted, x) for x in left):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)

@@ -1,16 +1,15 @@
 """The project's own commands as processes: recording, recomputing and diagnosing."""
 
-import ctypes
 import dataclasses
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.work import children
 
 from .recordings import Recordings, checked_name
 
@@ -23,8 +22,6 @@ PLOT, REPORT = 'ranges.png', 'report.html'
 _AT_ONCE = 2  # jobs beside the recorder
 _KEPT = 10  # jobs that have ended
 _STOP_LIMIT = 20.0  # [s]
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
-_LIBRARY = ctypes.CDLL(None)
 
 
 @dataclasses.dataclass
@@ -135,7 +132,7 @@ class Work:
         log = results / f'{kind}.log'
         with log.open('wb') as output:
             process = subprocess.Popen(
-                [sys.executable, '-m', 'drfmcw_ros.begin', *command],
+                children.command(*command),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -159,7 +156,6 @@ class Work:
 
 
 def _prepare(niceness: int) -> None:
-    """In the new process: give way to the graph, and end with the host, even where that is killed (Linux)."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until `drfmcw_ros.begin` takes it
+    """In the new process: give way to the graph, and end with the host."""
     os.nice(niceness)
-    _LIBRARY.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    children.prepare()
