@@ -25,6 +25,7 @@ SYSTEM_EXTRAS = {
 COLCON = ("colcon-core", "colcon-ros", "colcon-cmake", "colcon-python-setup-py", "colcon-recursive-crawl",
           "colcon-output", "colcon-package-selection", "colcon-parallel-executor", "colcon-bash",
           "colcon-metadata", "colcon-library-path")  # fmt: skip
+WITH_LIBRARY = ("soundfile",)  # its wheels bring a library, but for a file that relies on the system's
 _NO_NETWORK = re.compile(
     "Failed to establish a new connection|Temporary failure in name resolution|Name or service not known|"
     "ConnectTimeout|ReadTimeout|ConnectionError|NewConnectionError|ProxyError|Connection refused|"
@@ -97,8 +98,27 @@ def _install_all(root, venv, output, lock, progress):
     if os.path.exists(uv):  # takes a sixth of the time of four pips; what it cannot get is left to pip
         command = [uv, "pip", "install", "--python", _python(venv), "--no-deps", "--only-binary", ":all:", *wanted]
         _run(command, output, lock, None, _uv_environment(venv))
+        _install_libraries(root, venv, pins, output, lock)
     progress.show("wheels", 0.9, f"{len(pins)} wheels")
     _run([*_pip(venv), "--only-binary", ":all:", *wanted], output, lock, "cannot install the wheels")
+
+
+def _install_libraries(root, venv, pins, output, lock):
+    """Install again what came without the library that it loads.
+
+    Of one version's files uv takes those of the first index that has any; pip takes the best of all indexes.
+    """
+    bare = [pin for pin in pins if pin.split("==")[0] in WITH_LIBRARY and not _loads(venv, pin.split("==")[0])]
+    if bare:
+        command = [*_pip(venv), "--only-binary", ":all:", "--force-reinstall", *_asked(root, venv, bare)]
+        _run(command, output, lock, f"cannot install {bare[0]}")
+
+
+def _loads(venv, module):
+    """Whether a module can be imported."""
+    done = subprocess.run([_python(venv), "-c", f"import {module}"], stdout=subprocess.DEVNULL,
+                          stderr=subprocess.DEVNULL, env=_pip_environment(), check=False)  # fmt: skip
+    return done.returncode == 0
 
 
 def _only_listed():
