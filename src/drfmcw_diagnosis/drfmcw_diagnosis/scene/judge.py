@@ -12,10 +12,10 @@ from ..finding.wording import sentences
 from ..recording.dataset import Dataset
 from .background import Background, background
 from .bursts import Bursts, bursts, unpredicted
-from .censored import limited_fit
 from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp, of_side, shown_by
 from .images import Image, image, measured
 from .limits import JUDGE
+from .lines import limited_fit
 from .material import Material, material
 from .rails import limit
 from .ramps.ramp import Ramp, ramp
@@ -79,7 +79,8 @@ def examine(
         found.append(_kept(of_background(repeated, track(m, repeated.mean), m), without))
     found.append(of_side(m))
     if limited is not None:
-        fit = limited_fit(m, limited)
+        fit, said = limited_fit(m, limited)
+        found.append(Evidence((), (), (said,)))
     else:
         of_the_ramp = shown_by('window'), shown_by('rate')
         ramped = any(e.effect in of_the_ramp for part in found for e in part.effects)

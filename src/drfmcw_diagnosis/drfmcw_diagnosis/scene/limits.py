@@ -13,6 +13,9 @@ class MaterialLimits:
     fewest: int = 8
     """Sweeps looked at, however long; chosen."""
 
+    alike: float = 0.9
+    """Power of the mean of a group's sweeps over that of each, above which their mean stands for them [1]; chosen."""
+
     mad_to_std: float = 1.4826
     """Standard deviation over the median absolute value of normal noise [1]; derived."""
 
@@ -119,9 +122,6 @@ class ShapeLimits:
 
     items: int = 6
     """Sweeps or averages from which a shape is learnt together, at most; chosen."""
-
-    alike: float = 0.9
-    """Power of the mean of a group's sweeps over that of each, above which their mean stands for them [1]; chosen."""
 
     strong: float = 0.3
     """Share of the power that a line holds with its surroundings, at least [1]; chosen."""
@@ -331,18 +331,53 @@ class JudgeLimits:
     median_of_square: float = 0.4549
     """Median of the square of a normal number of unit variance [1]; derived."""
 
-    span: int = 64
-    """Samples of a span in which a limited signal is smooth; chosen."""
-
-    terms: int = 20
-    """Cosine terms of a span; chosen: a signal below a sixth of the sampling rate."""
-
-    rounds: int = 12
-    """Iterations that fill in what a limiter cut off; chosen."""
-
     adequate: float = 1.5
     """Misfit per degree of freedom up to which nothing is left; chosen: prediction and noise are known to some ten
     per cent."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LineLimits:
+    """How many lines describe a sweep, and how they are refined."""
+
+    most: int = 16
+    """Lines of a sweep, at most; chosen: half a minute of work."""
+
+    items: int = 6
+    """Sweeps or means of groups that are described; chosen."""
+
+    longest: int = 65_536
+    """Samples of a sweep that are described, the first ones; chosen: memory."""
+
+    blocks: int = 100
+    """Blocks of a sweep of which some are held out; chosen: a hole shorter than the finest line's beat."""
+
+    every: int = 5
+    """One block of so many is held out; chosen, as of shapes."""
+
+    helps: float = 0.02
+    """Share by which lines must lower the held-out mean square [1]; chosen."""
+
+    patience: int = 4
+    """Lines in turn that may not help before no more are tried; chosen: several may describe what one does not."""
+
+    padding: int = 4
+    """Points of the spectrum per resolution cell in which a line begins; chosen."""
+
+    lowest: int = 2
+    """Resolution cells from 0 Hz at which a line begins, at least; derived: a constant holds what is nearer."""
+
+    damping: float = 1e-3
+    """Of Levenberg and Marquardt's method where a fit begins [1]; chosen."""
+
+    rounds: int = 8
+    """Iterations of a fit, at most; chosen."""
+
+    trials: int = 5
+    """Steps tried in each of them; chosen."""
+
+    settled: float = 1e-3
+    """Relative change of the misfit at which a fit ends; chosen."""
 
 
 MATERIAL = MaterialLimits()
@@ -354,4 +389,5 @@ IMAGES = ImageLimits()
 BACKGROUND = BackgroundLimits()
 TRACK = TrackLimits()
 SIDES = SideLimits()
+LINES = LineLimits()
 JUDGE = JudgeLimits()

@@ -77,6 +77,29 @@ def material(data: Dataset) -> Material:
     )
 
 
+def representative_sweeps(m: Material, most: int, weights: np.ndarray | None = None) -> list[np.ndarray]:
+    """Return some sweeps (N,) of groups spread over the recording: the mean of a group whose sweeps are alike.
+
+    Args:
+        m: sweeps.
+        most: sweeps or means, at most.
+        weights: of the sweeps (n,); of other groups those of the largest weight are returned; None: their first ones.
+    """
+    groups = np.unique(m.group)
+    chosen = groups[np.unique(np.round(np.linspace(0, len(groups) - 1, min(len(groups), most))).astype(int))]
+    items: list[np.ndarray] = []
+    for number in chosen:
+        rows = np.flatnonzero(m.group == number)
+        mean = m.signal[rows].mean(axis=0)
+        if np.var(mean) > MATERIAL.alike * np.mean(np.var(m.signal[rows], axis=1)):
+            items.append(mean)
+        elif weights is None:
+            items.append(m.signal[rows[0]])
+        else:
+            items += list(m.signal[rows[np.argsort(-weights[rows], kind='stable')[: max(most // len(chosen), 1)]]])
+    return items
+
+
 def averaged(m: Material, span: int) -> Material:
     """Return the means of spans of so many samples, for a line far below the sampling rate."""
     if span < 2:

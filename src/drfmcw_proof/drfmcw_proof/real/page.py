@@ -85,6 +85,7 @@ def _sentences(d: Diagnosis | None) -> list[str]:
         'constant that varies',
         'repeats with the ramp',
         'strongest line that',
+        'lines before the limit',
     )
     return [] if d is None else [s for s in d.sentences if any(w in s for w in wanted)]
 

@@ -8,7 +8,7 @@ from numpy.polynomial.legendre import legvander
 from scipy.interpolate import BSpline
 
 from ..limits import SHAPE, WINDOW
-from ..material import Material, averaged
+from ..material import Material, averaged, representative_sweeps
 from .shape import Line, Score, Shape, followed, learn, refit, score
 from .window import Window, window
 
@@ -113,7 +113,7 @@ def ramp(m: Material) -> Ramp | None:
     count = m.nominal_end
     if count < SHAPE.fewest_samples:
         return None
-    items = _items(m)
+    items = representative_sweeps(dataclasses.replace(m, signal=m.signal.real), SHAPE.items)
     period = _period(items[0][:count])
     if not period:
         return None
@@ -138,18 +138,6 @@ def _straight(line: Line, psi: np.ndarray) -> Score:
     at_first = score(line, delay * turn + offset)
     after = refit(line, turn, float(delay), float(offset))[2]
     return min(at_first, after, key=lambda s: s.fitted)
-
-
-def _items(m: Material) -> list[np.ndarray]:
-    """Return up to `SHAPE.items` real sweeps: the mean of a group whose sweeps are alike, else its first one."""
-    groups = np.unique(m.group)
-    chosen = groups[np.unique(np.round(np.linspace(0, len(groups) - 1, min(len(groups), SHAPE.items))).astype(int))]
-    items = []
-    for number in chosen:
-        signal = m.signal.real[m.group == number]
-        mean = signal.mean(axis=0)
-        items.append(mean if np.var(mean) > SHAPE.alike * np.mean(np.var(signal, axis=1)) else signal[0])
-    return items
 
 
 def _period(signal: np.ndarray) -> float:
