@@ -18,7 +18,6 @@ from drfmcw_msgs.msg import (
 from hypothesis import HealthCheck, example, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from scenes import record, scene
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
@@ -34,7 +33,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.diagnostics import Diagnostics, Status
 from drfmcw_ros.messages import to_message
 from drfmcw_ros.publishers import Publishers
-from drfmcw_ros.runner import Finished, failures, spin
+from drfmcw_ros.runner import Executor, Finished, failures, spin
 
 START = 1_700_000_000_000_000_000
 FUZZ = hypothesis_settings(
@@ -289,7 +288,7 @@ class Failing(Node):
 
 def test_exception_in_a_callback_is_counted_and_survived():
     node = Failing()
-    executor = SingleThreadedExecutor()
+    executor = Executor()
     executor.add_node(node)
     with pytest.raises(Finished):
         spin(executor, node)

@@ -19,11 +19,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
 
+from . import streams
 from .cli import reason
 from .operation.security import refuse_pretence
 from .operation.watchdog import Watchdog
 
 RCLError: type[Exception] = rclpy_implementation.RCLError
+_TURN = 0.025  # of a node's streams while messages flow, and at most then of everything else [s]
 _LOG_INTERVAL = 10.0  # between two lines about failing callbacks [s]
 
 
@@ -57,7 +59,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
     try:
         rclpy.init(args=None if argv is None else [sys.argv[0], *argv], signal_handler_options=SignalHandlerOptions.NO)
         node = node_class(**kwargs)
-        executor = SingleThreadedExecutor()  # rclpy 7.1's EventsExecutor keeps a core busy without serving
+        executor = Executor()
         executor.add_node(node)
         watchdog.attach(node)
         gc.freeze()  # what was made so far stays: not to be looked through again between sweeps
@@ -114,7 +116,29 @@ def failures(node: Node) -> Failures:
     return _FAILURES.setdefault(node, Failures())
 
 
-def spin(executor: SingleThreadedExecutor, node: Node) -> None:
+class Executor(SingleThreadedExecutor):
+    """rclpy's, which can run what is ready and no more; its EventsExecutor 7.1 keeps a core busy without serving."""
+
+    newest: Any = None
+    """What the last callback was of: a subscription, a timer, ..."""
+
+    _found = 0  # callbacks that were ready so far
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
+        """Return the next callback that is ready, as rclpy has it."""
+        found: Any = super().wait_for_ready_callbacks(*args, **kwargs)
+        self._found, self.newest = self._found + 1, found[1]
+        return found
+
+    def spin_ready(self, seconds: float) -> None:
+        """Run callbacks that are ready until none is, or for so long."""
+        end, before = time.monotonic() + seconds, -1
+        while self._found != before and time.monotonic() < end:
+            before = self._found
+            self.spin_once(timeout_sec=0.0)
+
+
+def spin(executor: Executor, node: Node) -> None:
     """Run callbacks until shutdown; count, log and survive what one of them raises.
 
     Raises:
@@ -123,9 +147,15 @@ def spin(executor: SingleThreadedExecutor, node: Node) -> None:
         ExternalShutdownException: the context was shut down.
     """
     counted, logged = failures(node), -_LOG_INTERVAL
+    flowing = False
     while rclpy.ok():
         try:
-            executor.spin_once()
+            if flowing:
+                executor.spin_ready(_TURN)
+            else:
+                executor.spin_once()
+                flowing = streams.has(node, executor.newest)
+            flowing = flowing and streams.serve(node, _TURN)
         except (Finished, ExternalShutdownException):
             raise
         except Exception as error:
