@@ -209,3 +209,21 @@ def test_a_line_beyond_nyquist_is_left_out(tmp_path):
     numbers = np.count_nonzero(comparison.residual[comparison.entries.where(kind='ramp')])
     # as above
     assert chi_square(comparison, 'ramp') < 1.02 + 5.0 * np.sqrt(2.0 / numbers)
+
+
+def test_a_loss_is_no_reflection_of_no_height(tmp_path):
+    """A reflection of small height fits better at first: it follows a part of what else moves the range.
+
+    The data cannot separate offsets of delay and reference.
+    """
+    effects = (
+        Applied('amplitude_loss', None, {'loss': 5.5}),
+        Applied('delay_offset', None, {'delay': 0.08}),
+        Applied('sample_clock_offset', 'slave', {'deviation': -90.0}),
+    )
+    comparison = compared(tmp_path / 'r', 36, *effects, settings=14)
+    others = set(Effect.registry) - OF_THE_RANGE - {'amplitude_loss', 'ground_reflection', 'air_refractivity'}
+    found = searched(Search(comparison, without=others), 0.01).explanation
+    names = {e.key for e in found.effects}
+    assert len(names) == 3 and {('amplitude_loss', ''), ('sample_clock_offset', 'slave')} <= names
+    assert names & {('delay_offset', ''), ('reference_offset', '')}

@@ -103,6 +103,7 @@ def forward(
     """
     significance = 1.0
     rounds: list[list[Fitted]] = []
+    dropped: set[tuple[str, str]] = set()
     while current is None or len(current.effects) < SELECTION.most:
         if current is not None:
             search.trust(current)
@@ -111,6 +112,10 @@ def forward(
         rounds.append(ranked)
         beside = current.template if current is not None else 0.0
         best = next((f for f in ranked if search.credible(f, beside)), None)
+        instead = _without_uncertain(search, ranked, best, dropped)
+        if instead is not None:
+            current = instead
+            continue
         if best is None:
             break
         before = current.misfit if current else search.misfit(0.0)
@@ -128,6 +133,31 @@ def forward(
             break
         current = _bent(search, search.relocated(best))
     return current, significance, rounds
+
+
+def _without_uncertain(
+    search: Search, ranked: list[Fitted], best: Fitted | None, dropped: set[tuple[str, str]]
+) -> Fitted | None:
+    """Return an explanation without an earlier effect that a further one makes uncertain; None where none is better.
+
+    A reflection of small height may be taken for a loss of amplitude as long as it follows a part of other effects as
+    well. With one of these it is of no height, and another effect should stand in its place.
+
+    Args:
+        search: prepared.
+        ranked: explanations with one more effect, best first.
+        best: of those all of whose effects are certain.
+        dropped: effects that were left out so before; the new ones are added.
+    """
+    for other in ranked:
+        if best is not None and other.evidence < best.evidence + SELECTION.better:
+            break
+        *earlier, last = other.effects
+        uncertain = {e.key for e in earlier if not e.certain}
+        if last.certain and uncertain and not uncertain & dropped:
+            dropped |= uncertain
+            return search.again(dataclasses.replace(other, effects=tuple(e for e in other.effects if e.certain)))
+    return None
 
 
 def _bent(search: Search, current: Fitted) -> Fitted:
