@@ -141,7 +141,7 @@ def test_what_counts_as_noise_is_left_over_nevertheless(data):
     fitting = concealed(comparison, Effect.registry['sweep_curvature'](deviation=3000.0, station='master'))
     before = leftovers(fitting, None)
     assert before[0].probability < 1e-6
-    fitting.count_as_noise(None)
+    fitting.count_as_noise(None, fitting.set_aside)
     fitting.trust(None)
     assert fitting.misfit(0.0) < 1.01 * len(comparison.residual)
     assert leftovers(fitting, None) == before

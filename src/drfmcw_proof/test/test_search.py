@@ -14,6 +14,7 @@ from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.rivals import rivals, widened
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
+from drfmcw_diagnosis.search.verdict import judged
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
 from drfmcw_proof.cases.draws import Extent, random_condition
@@ -227,3 +228,21 @@ def test_a_loss_is_no_reflection_of_no_height(tmp_path):
     names = {e.key for e in found.effects}
     assert len(names) == 3 and {('amplitude_loss', ''), ('sample_clock_offset', 'slave')} <= names
     assert names & {('delay_offset', ''), ('reference_offset', '')}
+
+
+def test_an_event_without_a_name_hides_no_ripple(tmp_path):
+    """A glitch of the frequency at one station, ten times as strong as the other station's ripple.
+
+    Unless it is set aside, ripples imitate it, and nothing stands beside what they leave.
+    """
+    ripple = {'deviation': 400.0, 'rate': 23_000.0, 'phase': 1.0}
+    glitch = {'peak': 900.0, 'time': 4.1e-4, 'width': 4.6e-5}
+    effects = Applied('sweep_ripple', 'master', ripple), Applied('frequency_glitch', 'slave', glitch)
+    comparison = compared(tmp_path / 'r', 37, *effects)
+    others = set(Effect.registry) - {'sweep_ripple', 'pll_settling', 'sweep_curvature', 'echo'}
+    search = Search(comparison, without=others)
+    judgement = judged(search, searched(search, 0.01), 0.01)
+    assert judgement.verdict in ('partial', 'ambiguous') and judgement.remainder
+    assert {e.key[0] for e in judgement.explanation.effects} == {'sweep_ripple'}
+    (found,) = judgement.explanation.effects
+    assert abs(found.values['rate'] - ripple['rate']) < 5.0 * found.stds['rate']

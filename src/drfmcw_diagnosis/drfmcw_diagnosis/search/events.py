@@ -1,17 +1,19 @@
-"""Whether an event at one time of every sweep explains what an effect explains: a step or a bump, which has no name.
+"""Events at one time of every sweep, a step or a bump, which have no name.
 
-In: an explanation. Out: what each effect that shows over the sweep alone gains beyond the best event in its place. No
-effect of the registry is an event in mid-sweep, and where one fits better than the effect, the effect is in doubt.
+In: an explanation. Out: what each effect that shows over the sweep alone gains beyond the best event in its place, and
+the events that are left beside it. No effect of the registry is an event in mid-sweep. Where one fits better than an
+effect, the effect is in doubt; where one is left, it is set aside, so that it hides no effect.
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy.fft
-from scipy import special
+from scipy import special, stats
 
 from .fitting import Fitted, Fitting, Freedom
+from .whitening import Whitening
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +44,22 @@ class EventLimits:
     least_power: float = 0.1
     """Share of an event's power that the other effects must leave of it [1]; chosen."""
 
+    most: int = 4
+    """Events that are set aside, at most; chosen."""
+
+    worth: float = 0.6
+    """Share of what is left of its channels that an event must explain to be set aside [1]; chosen: a smooth curve that
+    nobody knows is no event."""
+
+    chance: float = 1e-6
+    """Chance of an event, of all times and shapes, above which it is not set aside [1]; chosen."""
+
+    clearly: float = 30.0
+    """Gain by which events that are set aside must exceed that of the best further effect [1]; chosen."""
+
+    prior: float = 30.0
+    """Standard deviation of the size of an event that is set aside, over the size found [1]; chosen: any size."""
+
 
 LIMITS = EventLimits()
 
@@ -67,16 +85,99 @@ def beyond_events(fitting: Fitting, fitted: Fitted) -> list[float]:
         beside = Freedom(np.delete(slopes, own, axis=0))
         unexplained = beside.left(rest + added)
         gain = float(unexplained @ unexplained - rest @ rest)
-        best = max(_gains(fitting, unexplained, beside))
+        best = max(event.gain for event in _events(fitting, whitening, unexplained, beside))
         found.append(gain - best - LIMITS.parameter * max(own.stop - own.start - LIMITS.of_event, 0))
     return found
 
 
-def _gains(fitting: Fitting, rest: np.ndarray, beside: Freedom) -> Iterator[float]:
-    """Yield the gain of the best event in each channel of the ramp, in both phases, as large at all distances or not.
+@dataclasses.dataclass(frozen=True)
+class _Event:
+    """The best event in some channels of the ramp."""
+
+    gain: float
+    size: float
+    shape: np.ndarray  # over the sweep (K,)
+    width: float  # of its onset [blocks of the sweep]
+    tried: int  # shapes
+    channels: Mapping[int, float]  # and their signs
+    law: np.ndarray  # its size in each group (G,)
+
+
+def left(fitting: Fitting, fitted: Fitted | None) -> np.ndarray:
+    """Return the events beside an explanation, each over the numbers' standard deviations and times its prior (k, n).
 
     Args:
         fitting: of the recording.
+        fitted: the explanation, None for none.
+    """
+    c = fitting.comparison
+    residual = c.residual - (fitted.template if fitted is not None else 0.0)
+    derivatives = fitting.slopes(fitted) if fitted is not None else np.zeros((0, len(residual)))
+    found = np.zeros((0, len(residual)))
+    for _ in range(LIMITS.most):
+        whitening = fitting.whitening_of(fitted, beside=found)
+        beside = Freedom(whitening(derivatives))
+        rest = beside.left(whitening(residual))
+        each = list(_events(fitting, whitening, rest, beside))
+        best = max(each, key=lambda event: event.gain)
+        rows = np.isin(c.entries.station, list(best.channels)) & c.entries.where(kind='ramp')
+        excess = float(rest[rows] @ rest[rows]) - np.count_nonzero(rest[rows])
+        if len(each) * best.tried * stats.chi2.sf(best.gain, 1) > LIMITS.chance or best.gain < LIMITS.worth * excess:
+            break
+        found = np.vstack([found, _directions(fitting, best)])
+    return found
+
+
+def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -> bool:
+    """Set events aside where they explain more than the best further effect; return whether they were.
+
+    Several effects would imitate an event, and the true ones beside it would be taken for others.
+
+    Args:
+        fitting: of the recording; not changed where numbers already count as noise.
+        fitted: the explanation, None for none.
+        further: the explanation with one more effect, None where none is credible.
+    """
+    if fitting.noisier.min() < 1.0:
+        return False
+    residual = fitting.comparison.residual - (fitted.template if fitted is not None else 0.0)
+    apart = left(fitting, fitted)
+    misfits = [float(np.sum(fitting.whitening_of(fitted, beside=x)(residual) ** 2)) for x in (fitting.set_aside, apart)]
+    gain = misfits[0] - misfits[1]
+    least = LIMITS.clearly if further is None else misfits[0] - further.misfit + LIMITS.clearly
+    if gain < max(least, LIMITS.clearly):
+        return False
+    fitting.set_aside = apart
+    return True
+
+
+def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
+    """Return an event of any size, a block earlier or later, with another onset, each times its prior (4, n).
+
+    The more distant the other station, the later it hears what happens at the first one.
+    """
+    c = fitting.comparison
+    kind = next(k for k in c.kinds if k.name == 'ramp')
+    later = np.gradient(event.shape)
+    wider = np.gradient(later) * 0.5 * max(event.width, 1.0) ** 2
+    far = c.recorded.distance / c.recorded.distance.max()
+    ways = [(LIMITS.prior * event.shape, 1.0), (later, 1.0), (later, far), (wider, 1.0)]
+    result = np.zeros((len(ways), len(c.residual)))
+    for number, (shape, along) in enumerate(ways):
+        for channel, factor in event.channels.items():
+            std = c.std['ramp'][:, channel]
+            shown = _as_shown(shape[None], c.recorded.channels[channel].of_phase)
+            size = factor * event.size * event.law * along
+            result[number, c.rows(kind, channel)] = np.ravel(size[:, None] * shown / std)
+    return result
+
+
+def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Freedom) -> Iterator[_Event]:
+    """Yield the best event in each channel of the ramp, in both phases, as large at all distances or not.
+
+    Args:
+        fitting: of the recording.
+        whitening: of its numbers.
         rest: what is to be explained, beyond what other effects can follow, whitened (n,).
         beside: of the other effects.
     """
@@ -86,30 +187,49 @@ def _gains(fitting: Fitting, rest: np.ndarray, beside: Freedom) -> Iterator[floa
     phases = [i for i in range(len(channels)) if c.recorded.channels[i].of_phase]
     signs = [{i: 1.0} for i in range(len(channels))]
     signs += [{phases[0]: 1.0, phases[1]: sign} for sign in (1.0, -1.0) if len(phases) == 2]
-    shapes = scipy.fft.dct(_shapes(channels[0][1].shape[1]), norm='ortho', axis=1)  # (M, K)
+    count = channels[0][1].shape[1]
+    each, widths = _shapes(count)
+    either = [_as_shown(each, of_phase) for of_phase in (False, True)]
     near = c.recorded.distance / c.recorded.distance.mean()
     for law in (np.ones_like(near), near):
         for sign in signs:
+            shapes = either[next(iter(sign)) in phases]
             remains, power = np.zeros(len(shapes)), np.zeros(len(shapes))
             imitated = np.zeros((len(shapes), len(beside.slopes)))
             for channel, factor in sign.items():
                 rows, std = channels[channel]
-                share = factor * law[:, None] * fitting.whitening.weight[rows].reshape(std.shape) / std
+                share = factor * law[:, None] * whitening.weight[rows].reshape(std.shape) / std
                 remains += shapes @ np.sum(rest[rows].reshape(std.shape) * share, axis=0)
                 power += shapes**2 @ np.sum(share**2, axis=0)
                 imitated += shapes @ np.einsum('pgk,gk->kp', beside.slopes[:, rows].reshape(-1, *std.shape), share)
-            left = power - beside.power(imitated)
-            used = left > LIMITS.least_power * power
-            yield float(np.max(remains[used] ** 2 / left[used], initial=0.0))
+            own = power - beside.power(imitated)
+            gains = np.where(own > LIMITS.least_power * power, remains**2 / np.maximum(own, 1e-30), 0.0)
+            best = int(np.argmax(gains))
+            size = float(remains[best] / max(own[best], 1e-30))
+            yield _Event(float(gains[best]), size, each[best], float(widths[best]), len(each), sign, law)
 
 
-def _shapes(count: int) -> np.ndarray:
-    """Return steps and bumps over `count` blocks (M, count)."""
+def _shapes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return steps, bumps and kinks over `count` blocks (M, count), and the widths of their onsets [blocks] (M,)."""
     block = np.arange(count)
     at = np.arange(round(LIMITS.edge * count), round((1.0 - LIMITS.edge) * count))[:, None]
-    found = []
+    found, widths = [np.maximum(block - at, 0.0) / count], [0.0]
     for width in LIMITS.widths:
         found.append(special.ndtr((block - at + 0.5) / max(width, 1e-3)))
+        widths.append(width)
         if width <= LIMITS.longest:
             found.append(np.exp(-0.5 * ((block - at) / max(width, 0.5)) ** 2))
-    return np.concatenate(found)
+            widths.append(width)
+    return np.concatenate(found), np.repeat(widths, len(at))
+
+
+def _as_shown(shapes: np.ndarray, of_phase: bool) -> np.ndarray:
+    """Return cosine series of shapes (M, K) without each sweep's own level, and of phases its frequency.
+
+    So a kink of the phase shows a step of the frequency.
+    """
+    block = np.arange(shapes.shape[1])
+    free = np.stack([np.ones(len(block)), block - block.mean()][: 2 if of_phase else 1])
+    free /= np.linalg.norm(free, axis=1, keepdims=True)
+    shown: np.ndarray = scipy.fft.dct(shapes - (shapes @ free.T) @ free, norm='ortho', axis=1)
+    return shown

@@ -206,6 +206,9 @@ class Fitting:
         self._workers = Workers(jobs)
         self._slopes: tuple[tuple, np.ndarray] = ((), np.zeros((0, len(comparison.residual))))  # the newest ones
         self.noisier = np.ones(len(comparison.residual))  # weights below 1 where something unknown is taken for noise
+        self.set_aside = np.zeros(
+            (0, len(comparison.residual))
+        )  # what has no name, over the numbers' deviations (k, n)
         self.whitening = Whitening(self.noisier, comparison.common_errors)
 
     def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
@@ -391,7 +394,8 @@ class Fitting:
             if kind.trust.beside_bursts is not None:
                 rows = self.comparison.rows(kind)
                 doubt[rows] = kind.trust.beside_bursts * np.abs(template[rows])
-        return Whitening(self.whitening.weight / np.sqrt(1.0 + doubt**2), self.comparison.common_errors)
+        directions = np.concatenate([self.comparison.common_errors, self.set_aside])
+        return Whitening(self.whitening.weight / np.sqrt(1.0 + doubt**2), directions)
 
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""
@@ -419,31 +423,50 @@ class Fitting:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""
         self.whitening = self.whitening_of(fitted)
 
-    def whitening_of(self, fitted: 'Fitted | None', with_unknown: bool = True) -> Whitening:
+    def whitening_of(
+        self, fitted: 'Fitted | None', with_unknown: bool = True, beside: np.ndarray | None = None
+    ) -> Whitening:
         """Return the whitening of what an explanation leaves, where the forward models are off by `doubt`.
 
-        With `with_unknown`, what `count_as_noise` has found counts as noise.
+        With `with_unknown`, what `count_as_noise` has found counts as noise; with `beside` (k, n), that alone.
         """
         directions = [self.comparison.common_errors]
         if fitted is not None and any(e.candidate.recipe.fringes for e in fitted.effects):
             directions.append(self._by_group(self.comparison.displaced(_built(fitted)) - fitted.template))
         if fitted is not None:
             directions += [self._by_group(x - fitted.template) for x in self.comparison.outcomes(_built(fitted))]
-        weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
-        return Whitening(weight, np.concatenate(directions))
+        noisier: np.ndarray | float = 1.0
+        if beside is not None:
+            directions.append(beside)
+        elif with_unknown:
+            directions.append(self.set_aside)
+            noisier = self.noisier
+        return Whitening(noisier / np.sqrt(1.0 + self.doubt(fitted) ** 2), np.concatenate(directions))
 
-    def count_as_noise(self, fitted: 'Fitted | None') -> None:
-        """Let the numbers of a cell that an explanation does not explain count by the scatter that they really have.
+    def count_as_noise(self, fitted: 'Fitted | None', apart: np.ndarray) -> None:
+        """Set aside what has no name; let other numbers that are not explained count by the scatter that they have.
 
-        A cell holds the numbers of one kind at one station in one group of sweeps.
+        Numbers scatter in a cell alike: in one kind at one station in one group of sweeps.
+
+        Args:
+            fitted: the explanation.
+            apart: what is set aside, over the numbers' standard deviations and times its prior (k, n).
         """
         entries = self.comparison.entries
         template = fitted.template if fitted is not None else 0.0
-        rest = self.whitening_of(fitted, with_unknown=False)(self.comparison.residual - template)
+        rest = self.whitening_of(fitted, beside=apart)(self.comparison.residual - template)
         cells = cells_of(entries)
         used = np.bincount(cells, rest != 0.0)
         scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)
-        self.noisier = 1.0 / np.sqrt(np.maximum(scatter, 1.0))[cells]
+        self.set_aside, self.noisier = apart, 1.0 / np.sqrt(np.maximum(scatter, 1.0))[cells]
+
+    def without_set_aside(self, residual: np.ndarray) -> np.ndarray:
+        """Return residuals (n,) without what is set aside, as it fits best."""
+        directions = self.set_aside * self.whitening.weight
+        normal = directions @ directions.T + np.eye(len(directions))
+        sizes = np.linalg.solve(normal, directions @ (residual * self.whitening.weight))
+        left: np.ndarray = residual - sizes @ self.set_aside
+        return left
 
     def _by_group(self, change: np.ndarray) -> np.ndarray:
         """Return a change of a template that chance determines in each group by itself (G, n)."""

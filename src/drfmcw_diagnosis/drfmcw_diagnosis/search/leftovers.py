@@ -23,7 +23,9 @@ class Leftover:
         return max(excess, float(stats.chi2.isf(max(self.probability, 1e-300), 1)))
 
 
-def leftovers(fitting: Fitting, fitted: Fitted | None, slopes: np.ndarray | None = None) -> list[Leftover]:
+def leftovers(
+    fitting: Fitting, fitted: Fitted | None, slopes: np.ndarray | None = None, apart: bool = False
+) -> list[Leftover]:
     """Return what each kind of number still holds, least probable first.
 
     What the forward models may be off by counts as noise, see `Fitting.doubt`. What is unknown does not: it is left.
@@ -32,10 +34,11 @@ def leftovers(fitting: Fitting, fitted: Fitted | None, slopes: np.ndarray | None
         fitting: of the recording.
         fitted: the explanation, None for none.
         slopes: of its parameters, see `Fitting.slopes`; None: computed.
+        apart: leave out what is set aside, see `events`.
     """
     c = fitting.comparison
     template = fitted.template if fitted else np.zeros(len(c.residual))
-    whitening = fitting.whitening_of(fitted, with_unknown=False)
+    whitening = fitting.whitening_of(fitted, with_unknown=False, beside=fitting.set_aside if apart else None)
     weight, rest = whitening.weight, whitening(c.residual - template)
     if slopes is None:
         slopes = fitting.slopes(fitted) if fitted else np.zeros((0, len(rest)))

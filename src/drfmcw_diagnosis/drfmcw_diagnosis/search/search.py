@@ -130,7 +130,9 @@ class Search(Fitting):
             freedom: of the present explanation.
             only: effect that is tried, '' for all.
         """
-        scanned = [c for c in self._scanned(residual, only) if self._is_other(c, c.values, beside)]
+        scanned = [
+            c for c in self._scanned(self.without_set_aside(residual), only) if self._is_other(c, c.values, beside)
+        ]
         kept = [i for i, c in enumerate(self.bank) if only in ('', c.effect) and self._is_other(c, c.values, beside)]
         chosen = [*(self.bank[i] for i in kept), *scanned]
         weighted = self.whitening.transposed(self.whitening(residual)).astype(np.float32)

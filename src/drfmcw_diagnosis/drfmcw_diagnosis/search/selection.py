@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from . import events
 from .fitting import Fitted
 from .leftovers import leftovers
 from .limits import SELECTION
@@ -109,9 +110,13 @@ def forward(
             search.trust(current)
             current = search.again(current)
         ranked = search.best_addition(current)
-        rounds.append(ranked)
         beside = current.template if current is not None else 0.0
         best = next((f for f in ranked if search.credible(f, beside)), None)
+        if events.set_aside(search, current, best):
+            if current is None:
+                search.trust(None)
+            continue
+        rounds.append(ranked)
         instead = _without_uncertain(search, ranked, best, dropped)
         if instead is not None:
             current = instead

@@ -95,7 +95,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     """Return how well each effect of an explanation stands by itself, in order."""
     entries = fitting.comparison.entries
     whitening = fitting.whitening
-    as_measured = fitting.whitening_of(fitted, with_unknown=False)  # nothing is clean because it counts as noise
+    # nothing is clean because it counts as noise; an event that is set aside is a single number
+    as_measured = fitting.whitening_of(fitted, beside=fitting.set_aside)
     residual = fitting.comparison.residual - fitted.template
     rest, left_over = whitening(residual), as_measured(residual)
     derivatives = fitting.slopes(fitted)
@@ -103,7 +104,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
     converters = _of_uneven_converters(fitting)
     changes = {name: _without_each(rest, slopes, parts)[parts] for name, parts in (('group', groups), ('kind', kinds))}
-    significant = [x for x in leftovers(fitting, fitted, derivatives) if x.probability < LIMITS.left_over]
+    significant = [x for x in leftovers(fitting, fitted, derivatives, apart=True) if x.probability < LIMITS.left_over]
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond = beyond_events(fitting, fitted)

@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from .events import LIMITS as EVENTS
-from .events import beyond_events
+from . import events
 from .fitting import Fitted
 from .leftovers import Leftover, leftovers
 from .rivals import rivals, widened
@@ -79,14 +78,16 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
 def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitted | None:
     """Return the effects that are there beyond doubt beside something unknown, None where there is none.
 
-    Effects that do not stand by themselves are dropped, the least convincing first. Then numbers that the rest does not
-    explain count by the scatter that they really have, and the search goes on from what stands.
+    Effects that do not stand by themselves are dropped, the least convincing first. Then events without a name are set
+    aside, other numbers that the rest does not explain count by the scatter that they really have, and the search goes
+    on from what stands.
     """
     current: Fitted | None = found
     for _ in range(LIMITS.rounds):
         current = _standing(search, current)
         before = current.keys if current is not None else ()
-        search.count_as_noise(current)
+        search.count_as_noise(current, events.left(search, current))
+        search.trust(current)
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
         if more is None or more.keys == before:
@@ -120,7 +121,7 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        return not any(beyond < EVENTS.beaten for beyond in beyond_events(search, fitted))
+        return not any(beyond < events.LIMITS.beaten for beyond in events.beyond_events(search, fitted))
     if not all(_is_adequate(search, fitted, x) for x in left):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)
