@@ -44,6 +44,9 @@ class EventLimits:
     least_power: float = 0.1
     """Share of an event's power that the other effects must leave of it [1]; chosen."""
 
+    about: int = 2
+    """Blocks before and behind an event of which nothing is known [blocks of the sweep]; chosen."""
+
     most: int = 4
     """Events that are set aside, at most; chosen."""
 
@@ -97,6 +100,7 @@ class _Event:
     gain: float
     size: float
     shape: np.ndarray  # over the sweep (K,)
+    at: int  # its time [blocks of the sweep]
     width: float  # of its onset [blocks of the sweep]
     tried: int  # shapes
     channels: Mapping[int, float]  # and their signs
@@ -152,19 +156,30 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
 
 
 def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
-    """Return an event of any size, a block earlier or later, with another onset, each times its prior (4, n).
+    """Return what may be unknown of an event, each times its prior (k, n).
 
-    The more distant the other station, the later it hears what happens at the first one.
+    Its size; its time and its onset to first order; each block about it in each channel. The more distant the other
+    station, the later it hears what happens at the first one, which shows in the sum of the phases for that long.
     """
     c = fitting.comparison
     kind = next(k for k in c.kinds if k.name == 'ramp')
+    ones, far = np.ones_like(c.recorded.distance), c.recorded.distance / c.recorded.distance.max()
     later = np.gradient(event.shape)
     wider = np.gradient(later) * 0.5 * max(event.width, 1.0) ** 2
-    far = c.recorded.distance / c.recorded.distance.max()
-    ways = [(LIMITS.prior * event.shape, 1.0), (later, 1.0), (later, far), (wider, 1.0)]
+    count = len(event.shape)
+    about = [b for b in range(event.at - LIMITS.about, event.at + LIMITS.about + 1) if 0 <= b < count]
+    of_phase = [i for i, channel in enumerate(c.recorded.channels) if channel.of_phase]
+    ways = [
+        (LIMITS.prior * event.shape, ones, event.channels),
+        (later, ones, event.channels),
+        (later, far, event.channels),
+        (wider, ones, event.channels),
+    ]
+    own = of_phase if set(event.channels) <= set(of_phase) else list(event.channels)
+    ways += [(np.eye(count)[b], along, {i: 1.0}) for b in about for along in (ones, far) for i in own]
     result = np.zeros((len(ways), len(c.residual)))
-    for number, (shape, along) in enumerate(ways):
-        for channel, factor in event.channels.items():
+    for number, (shape, along, channels) in enumerate(ways):
+        for channel, factor in channels.items():
             std = c.std['ramp'][:, channel]
             shown = _as_shown(shape[None], c.recorded.channels[channel].of_phase)
             size = factor * event.size * event.law * along
@@ -188,7 +203,7 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
     signs = [{i: 1.0} for i in range(len(channels))]
     signs += [{phases[0]: 1.0, phases[1]: sign} for sign in (1.0, -1.0) if len(phases) == 2]
     count = channels[0][1].shape[1]
-    each, widths = _shapes(count)
+    each, times, widths = _shapes(count)
     either = [_as_shown(each, of_phase) for of_phase in (False, True)]
     near = c.recorded.distance / c.recorded.distance.mean()
     for law in (np.ones_like(near), near):
@@ -206,11 +221,13 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
             gains = np.where(own > LIMITS.least_power * power, remains**2 / np.maximum(own, 1e-30), 0.0)
             best = int(np.argmax(gains))
             size = float(remains[best] / max(own[best], 1e-30))
-            yield _Event(float(gains[best]), size, each[best], float(widths[best]), len(each), sign, law)
+            yield _Event(
+                float(gains[best]), size, each[best], int(times[best]), float(widths[best]), len(each), sign, law
+            )
 
 
-def _shapes(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return steps, bumps and kinks over `count` blocks (M, count), and the widths of their onsets [blocks] (M,)."""
+def _shapes(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return steps, bumps and kinks over `count` blocks (M, count), their times and their onsets' widths [blocks]."""
     block = np.arange(count)
     at = np.arange(round(LIMITS.edge * count), round((1.0 - LIMITS.edge) * count))[:, None]
     found, widths = [np.maximum(block - at, 0.0) / count], [0.0]
@@ -220,7 +237,7 @@ def _shapes(count: int) -> tuple[np.ndarray, np.ndarray]:
         if width <= LIMITS.longest:
             found.append(np.exp(-0.5 * ((block - at) / max(width, 0.5)) ** 2))
             widths.append(width)
-    return np.concatenate(found), np.repeat(widths, len(at))
+    return np.concatenate(found), np.tile(at.ravel(), len(found)), np.repeat(widths, len(at))
 
 
 def _as_shown(shapes: np.ndarray, of_phase: bool) -> np.ndarray:

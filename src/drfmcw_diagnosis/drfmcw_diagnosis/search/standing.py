@@ -97,6 +97,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     whitening = fitting.whitening
     # nothing is clean because it counts as noise; an event that is set aside is a single number
     as_measured = fitting.whitening_of(fitted, beside=fitting.set_aside)
+    as_it_is = fitting.whitening_of(fitted, with_unknown=False)
     residual = fitting.comparison.residual - fitted.template
     rest, left_over = whitening(residual), as_measured(residual)
     derivatives = fitting.slopes(fitted)
@@ -130,7 +131,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 left=_left_of_range(fitting, left_over, measured) / _own_share(slopes, own, added)
                 if by_range[number]
                 else 0.0,
-                unexplained=_unexplained_signal(fitting, fitted.effects[number], left_over, measured),
+                unexplained=_unexplained_signal(fitting, fitted.effects[number], as_it_is(residual), as_it_is(alone)),
                 inflated=inflations[number],
                 beyond_event=beyond[number],
             )
