@@ -126,7 +126,8 @@ def left(fitting: Fitting, fitted: Fitted | None) -> np.ndarray:
         best = max(each, key=lambda event: event.gain)
         rows = np.isin(c.entries.station, list(best.channels)) & c.entries.where(kind='ramp')
         excess = float(rest[rows] @ rest[rows]) - np.count_nonzero(rest[rows])
-        if len(each) * best.tried * stats.chi2.sf(best.gain, 1) > LIMITS.chance or best.gain < LIMITS.worth * excess:
+        chance = len(each) * best.tried * stats.chi2.sf(best.gain, 1)
+        if not (chance <= LIMITS.chance and best.gain >= LIMITS.worth * excess):
             break
         found = np.vstack([found, _directions(fitting, best)])
     return found

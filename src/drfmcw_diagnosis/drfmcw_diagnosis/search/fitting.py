@@ -206,9 +206,8 @@ class Fitting:
         self._workers = Workers(jobs)
         self._slopes: tuple[tuple, np.ndarray] = ((), np.zeros((0, len(comparison.residual))))  # the newest ones
         self.noisier = np.ones(len(comparison.residual))  # weights below 1 where something unknown is taken for noise
-        self.set_aside = np.zeros(
-            (0, len(comparison.residual))
-        )  # what has no name, over the numbers' deviations (k, n)
+        # what has no name, over the numbers' standard deviations and times its prior (k, n)
+        self.set_aside = np.zeros((0, len(comparison.residual)))
         self.whitening = Whitening(self.noisier, comparison.common_errors)
 
     def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:

@@ -11,7 +11,8 @@ So an effect of that kind is also in doubt where it leaves much of the range's e
 explains and the others cannot follow, and where others of that kind, which may nearly cancel it, make it many times
 less certain than it would be without them.
 
-What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`.
+What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`. What
+is left beside an effect is what is left beside the events that are set aside as well.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
 a receiver's gain changes both.
