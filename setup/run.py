@@ -27,10 +27,8 @@ def execute(root, module, arguments):
         environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
         environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         if not arguments:
-            # All tests: each file on one core, so that its tests share what they set up. In the order of their names:
-            # by their number of tests, a file of a few long ones would come last, and alone.
-            arguments = ["-n", str(min(os.cpu_count() or 1, _MOST_WORKERS)), "--dist", "loadfile",
-                         "--no-loadscope-reorder"]  # fmt: skip
+            # All tests: each file on one core, so that its tests share what they set up.
+            arguments = ["-n", str(min(os.cpu_count() or 1, _MOST_WORKERS)), "--dist", "loadfile"]
         # Without a path pytest looks for pyproject.toml in the current directory.
         arguments = ["--rootdir", root, "-c", os.path.join(root, "pyproject.toml")] + arguments
         os.chdir(root)
