@@ -6,6 +6,7 @@ import time
 import pytest
 import rclpy
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Temperature
 
 from drfmcw_ros import qos, streams
@@ -20,7 +21,7 @@ COUNT = 600
 @pytest.fixture
 def node():
     """A node of the default context, as `spin` wants it, in the ROS domain that conftest.py gives to this process."""
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)  # else later tests' processes inherit them
     made = Node('listener')
     yield made
     made.destroy_node()
