@@ -41,6 +41,20 @@ def unchanged_discovery():
     assert _discovery() == before
 
 
+def _inherited() -> list[str]:
+    """What a process that is started now does about signals: those blocked, and those ignored."""
+    status = Path('/proc/thread-self/status').read_text()
+    return [line for line in status.splitlines() if line.startswith(('SigBlk', 'SigIgn'))]
+
+
+@pytest.fixture(autouse=True, scope='module')
+def unchanged_signals():
+    """Refuse a module after which a Ctrl-C does not reach the processes that the next one starts."""
+    before = _inherited()
+    yield
+    assert _inherited() == before
+
+
 @pytest.fixture(autouse=True, scope='module')
 def closed_context():
     """Leave no initialised ROS context to the next module: the default one can be initialised once."""

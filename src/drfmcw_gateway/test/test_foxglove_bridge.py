@@ -18,13 +18,14 @@ from ports import free_port
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 
-from drfmcw_gateway.foxglove_bridge import FoxgloveSettings, main
+from drfmcw_gateway.foxglove_bridge import FoxgloveSettings
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros import qos
 
 pytest.importorskip('foxglove')
 client = pytest.importorskip('websockets.sync.client')
 
+BRIDGE = sys.executable, '-m', 'drfmcw_gateway.foxglove_bridge'
 LIMIT = 40.0  # for anything that is waited for, on a busy machine [s]
 RANGES, CALIBRATION = '/master/slave/range', '/master/calibration'
 
@@ -57,7 +58,7 @@ def publisher():
 def bridge(log):
     """The address of a bridge process that runs meanwhile and must end cleanly."""
     port = free_port()
-    command = [sys.executable, '-m', 'drfmcw_gateway.foxglove_bridge', '--port', str(port)]
+    command = [*BRIDGE, '--port', str(port)]
     with open(log, 'w') as output, subprocess.Popen(command, stderr=output, stdout=output, env=os.environ) as process:
         try:
             end = time.monotonic() + LIMIT
@@ -133,10 +134,13 @@ def test_client_gets_what_is_published_with_its_definition(publisher, tmp_path):
             time.sleep(0.05)
 
 
-def test_bridge_in_use_and_wrong_settings_are_one_line(capsys):
+def test_bridge_in_use_and_wrong_settings_are_one_line():
     with socket.create_server(('127.0.0.1', 0)) as taken:
-        assert main(['--port', str(taken.getsockname()[1])]) == 2
-    assert 'cannot listen at 127.0.0.1:' in capsys.readouterr().err
+        # a process of its own: one that runs a node ignores signals when the node has ended
+        command = [*BRIDGE, '--port', str(taken.getsockname()[1])]
+        refused = subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=LIMIT, check=False)
+    assert refused.returncode == 2
+    assert 'cannot listen at 127.0.0.1:' in refused.stderr
     with pytest.raises(ConfigurationError, match='no loopback address'):
         FoxgloveSettings(address='10.0.7.2')
     with pytest.raises(ConfigurationError, match='key is given without certificate'):

@@ -1,5 +1,6 @@
 """Recordings rendered by several processes: the same bytes, and a clean end whatever happens to a process."""
 
+import contextlib
 import filecmp
 import os
 import signal
@@ -43,18 +44,23 @@ def wait_for(condition):
     return value
 
 
-def start(folder, *options):
-    """Return a running simulation that will not end by itself, when it has written 2 MB; and its processes."""
+@pytest.fixture
+def started(tmp_path):
+    """A simulation by two processes that does not end by itself, after it has written 2 MB; and its processes."""
     process = subprocess.Popen(
-        [sys.executable, '-m', 'drfmcw_sim.simulate', GANTRY, '--out', str(folder / 'run'), *ENDLESS, *options],
+        [sys.executable, '-m', 'drfmcw_sim.simulate', GANTRY, '--out', str(tmp_path / 'run'), *ENDLESS, '--jobs', '2'],
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    wait_for(lambda: process.poll() or any(f.stat().st_size > 2e6 for f in folder.glob('.run*/run_0.*')))
-    assert process.poll() is None
-    children, grandchildren = descendants(process.pid)
-    return process, children, grandchildren
+    try:
+        wait_for(lambda: process.poll() or any(f.stat().st_size > 2e6 for f in tmp_path.glob('.run*/run_0.*')))
+        assert process.poll() is None
+        yield process, *descendants(process.pid)
+    finally:  # whatever failed: it would write until the disk is full
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -76,9 +82,9 @@ def test_recording_does_not_depend_on_the_number_of_processes(tmp_path, storage)
     assert (match, different, failed) == (names, [], [])
 
 
-def test_interrupted_rendering_leaves_nothing(tmp_path):
+def test_interrupted_rendering_leaves_nothing(tmp_path, started):
     """Ctrl-C, which reaches every process: silent, status 130, nothing half-written, no process left."""
-    process, children, workers = start(tmp_path, '--jobs', '2')
+    process, children, workers = started
     assert len(workers) == 2
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=LIMIT)
@@ -88,9 +94,9 @@ def test_interrupted_rendering_leaves_nothing(tmp_path):
     wait_for(lambda: not any(Path(f'/proc/{p}').exists() for p in (*children, *workers)))
 
 
-def test_killed_rendering_process_is_reported_in_one_line(tmp_path):
+def test_killed_rendering_process_is_reported_in_one_line(tmp_path, started):
     """As the kernel does when memory runs out: one line, status 2, nothing half-written."""
-    process, _, workers = start(tmp_path, '--jobs', '2')
+    process, _, workers = started
     os.kill(workers[0], signal.SIGKILL)
     _, said = process.communicate(timeout=LIMIT)
     assert process.returncode == 2
@@ -99,17 +105,17 @@ def test_killed_rendering_process_is_reported_in_one_line(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_rendering_processes_end_with_the_one_that_started_them(tmp_path):
+def test_rendering_processes_end_with_the_one_that_started_them(started):
     """Also when that one is killed."""
-    process, children, workers = start(tmp_path, '--jobs', '2')
+    process, children, workers = started
     process.kill()
     process.communicate(timeout=LIMIT)
     wait_for(lambda: not any(Path(f'/proc/{p}').exists() for p in (*children, *workers)))
 
 
-def test_memory_does_not_grow_with_the_scenario(tmp_path):
+def test_memory_does_not_grow_with_the_scenario(tmp_path, started):
     """Of a scenario far larger than memory, what waits to be written is bounded: 50 MB more recorded, none held."""
-    process, _, workers = start(tmp_path, '--jobs', '2')
+    process, _, workers = started
 
     def resident(pid):
         return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
