@@ -166,7 +166,7 @@ def test_plateaus_that_droop_are_clipped_in_front_of_a_high_pass():
 
 @pytest.mark.parametrize('iq', [False, True])
 def test_lines_refined_together_leave_noise(iq):
-    """Four lines 7 to 40 dB above the noise; chance of a false failure below 1e-6 (mean square of 51 samples)."""
+    """Four lines 30 to 41 dB above the noise; chance of a false failure below 1e-6 (mean square of 51 samples)."""
     rng = np.random.default_rng(11)
     sweep = several_lines(rng, sweeps=1, iq=iq)[0]
     found = demanded(joint_lines(sweep, Receiver(2e6)))

@@ -4,6 +4,7 @@ The executor makes a wait set of everything that a node has, and a task for each
 takes longer than a sweep takes to evaluate. So whoever spins a node serves its streams by themselves while they flow.
 """
 
+import contextlib
 import dataclasses
 import time
 import weakref
@@ -57,10 +58,10 @@ def _ready(node: Node, seconds: float) -> list[Stream]:
     """Return the streams at which messages wait, after at most so many seconds; none if they are over."""
     streams = _STREAMS.get(node, [])
     alive = []
-    try:
+    with contextlib.ExitStack() as held:  # keeps subscriptions from being destroyed while they are waited for
         for stream in list(streams):
             try:
-                stream.subscription.handle.__enter__()  # keeps it from being destroyed while it is waited for
+                held.enter_context(stream.subscription.handle)
             except InvalidHandle:
                 streams.remove(stream)
                 continue
@@ -68,17 +69,14 @@ def _ready(node: Node, seconds: float) -> list[Stream]:
         if not alive:
             return []
         context: Any = node.context.handle
-        with context:
-            wait_set = rclpy_implementation.WaitSet(len(alive), 0, 0, 0, 0, 0, context)
-            wait_set.clear_entities()
-            for stream in alive:
-                wait_set.add_subscription(stream.subscription.handle)
-            wait_set.wait(max(1, round(seconds * 1e9)))
-            ready = wait_set.get_ready_entities('subscription')
-        return [stream for stream in alive if stream.subscription.handle.pointer in ready]
-    finally:
+        held.enter_context(context)
+        wait_set = rclpy_implementation.WaitSet(len(alive), 0, 0, 0, 0, 0, context)
+        wait_set.clear_entities()
         for stream in alive:
-            stream.subscription.handle.__exit__(None, None, None)
+            wait_set.add_subscription(stream.subscription.handle)
+        wait_set.wait(max(1, round(seconds * 1e9)))
+        ready = wait_set.get_ready_entities('subscription')
+        return [stream for stream in alive if stream.subscription.handle.pointer in ready]
 
 
 def _taken(stream: Stream) -> bool:

@@ -341,7 +341,7 @@ class LineLimits:
     """How many lines describe a sweep, and how they are refined."""
 
     most: int = 16
-    """Lines of a sweep, at most; chosen: half a minute of work."""
+    """Lines of a sweep, at most; chosen: seconds of work."""
 
     items: int = 6
     """Sweeps or means of groups that are described; chosen."""
@@ -351,9 +351,6 @@ class LineLimits:
 
     blocks: int = 100
     """Blocks of a sweep of which some are held out; chosen: a hole shorter than the finest line's beat."""
-
-    every: int = 5
-    """One block of so many is held out; chosen, as of shapes."""
 
     helps: float = 0.02
     """Share by which lines must lower the held-out mean square [1]; chosen."""

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from ..compare.algebra import scaled_inverse
 from ..finding.result import BeforeAfter, Fit
-from .limits import LINES
+from .limits import LINES, SHAPE
 from .material import Material, representative_sweeps
 from .rails import Limit
 
@@ -37,7 +37,7 @@ class Receiver:
 
 @dataclasses.dataclass(frozen=True)
 class Lines:
-    """Lines that describe one sweep; M real numbers of N samples, those of I before those of Q."""
+    """Lines that describe one sweep of N samples, whose parts are its real numbers, or those of I and of Q."""
 
     frequency: np.ndarray  # (k,) [1 / sample]
     phasor: np.ndarray  # (k,) amplitude and phase in mid-sweep [LSB]
@@ -120,7 +120,7 @@ class _Fitting:
         self.count = len(sweep)
         self.time = np.arange(self.count) - 0.5 * (self.count - 1)
         length = max(1, self.count // LINES.blocks)
-        self.held = np.arange(self.count) // length % LINES.every == LINES.every // 2
+        self.held = np.arange(self.count) // length % SHAPE.every == SHAPE.every // 2
         self._window = np.hanning(self.count + 2)[1:-1] * ~self.held
 
     def _parts(self, values: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.fft
 from scipy import special, stats
 
+from ..compare.kinds import Kind
 from .fitting import Fitted, Fitting, Freedom
 from .whitening import Whitening
 
@@ -107,19 +108,20 @@ class _Event:
     law: np.ndarray  # its size in each group (G,)
 
 
-def left(fitting: Fitting, fitted: Fitted | None) -> np.ndarray:
+def left(fitting: Fitting, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:
     """Return the events beside an explanation, each over the numbers' standard deviations and times its prior (k, n).
 
     Args:
         fitting: of the recording.
         fitted: the explanation, None for none.
+        as_measured: whitening of what it leaves, nothing of which counts as unknown.
     """
     c = fitting.comparison
     residual = c.residual - (fitted.template if fitted is not None else 0.0)
     derivatives = fitting.slopes(fitted) if fitted is not None else np.zeros((0, len(residual)))
     found = np.zeros((0, len(residual)))
     for _ in range(LIMITS.most):
-        whitening = fitting.whitening_of(fitted, beside=found)
+        whitening = as_measured.beside(found)
         beside = Freedom(whitening(derivatives))
         rest = beside.left(whitening(residual))
         each = list(_events(fitting, whitening, rest, beside))
@@ -146,8 +148,9 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
     if fitting.noisier.min() < 1.0:
         return False
     residual = fitting.comparison.residual - (fitted.template if fitted is not None else 0.0)
-    apart = left(fitting, fitted)
-    misfits = [float(np.sum(fitting.whitening_of(fitted, beside=x)(residual) ** 2)) for x in (fitting.set_aside, apart)]
+    as_measured = fitting.whitening_of(fitted, with_unknown=False)
+    apart = left(fitting, fitted, as_measured)
+    misfits = [float(np.sum(as_measured.beside(x)(residual) ** 2)) for x in (fitting.set_aside, apart)]
     gain = misfits[0] - misfits[1]
     least = LIMITS.clearly if further is None else misfits[0] - further.misfit + LIMITS.clearly
     if gain < max(least, LIMITS.clearly):
@@ -162,27 +165,25 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     Its size; its time and its onset to first order; each block about it in each channel. The more distant the other
     station, the later it hears what happens at the first one, which shows in the sum of the phases for that long.
     """
-    c = fitting.comparison
-    kind = next(k for k in c.kinds if k.name == 'ramp')
+    c, (kind, phases) = fitting.comparison, _ramp(fitting)
     ones, far = np.ones_like(c.recorded.distance), c.recorded.distance / c.recorded.distance.max()
     later = np.gradient(event.shape)
     wider = np.gradient(later) * 0.5 * max(event.width, 1.0) ** 2
     count = len(event.shape)
     about = [b for b in range(event.at - LIMITS.about, event.at + LIMITS.about + 1) if 0 <= b < count]
-    of_phase = [i for i, channel in enumerate(c.recorded.channels) if channel.of_phase]
     ways = [
         (LIMITS.prior * event.shape, ones, event.channels),
         (later, ones, event.channels),
         (later, far, event.channels),
         (wider, ones, event.channels),
     ]
-    own = of_phase if set(event.channels) <= set(of_phase) else list(event.channels)
+    own = phases if set(event.channels) <= set(phases) else list(event.channels)
     ways += [(np.eye(count)[b], along, {i: 1.0}) for b in about for along in (ones, far) for i in own]
     result = np.zeros((len(ways), len(c.residual)))
     for number, (shape, along, channels) in enumerate(ways):
         for channel, factor in channels.items():
             std = c.std['ramp'][:, channel]
-            shown = _as_shown(shape[None], c.recorded.channels[channel].of_phase)
+            shown = _as_shown(shape[None], channel in phases)
             size = factor * event.size * event.law * along
             result[number, c.rows(kind, channel)] = np.ravel(size[:, None] * shown / std)
     return result
@@ -197,10 +198,8 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
         rest: what is to be explained, beyond what other effects can follow, whitened (n,).
         beside: of the other effects.
     """
-    c = fitting.comparison
-    kind = next(k for k in c.kinds if k.name == 'ramp')
+    c, (kind, phases) = fitting.comparison, _ramp(fitting)
     channels = [(c.rows(kind, row), c.std['ramp'][:, row]) for row in range(c.std['ramp'].shape[1])]
-    phases = [i for i in range(len(channels)) if c.recorded.channels[i].of_phase]
     signs = [{i: 1.0} for i in range(len(channels))]
     signs += [{phases[0]: 1.0, phases[1]: sign} for sign in (1.0, -1.0) if len(phases) == 2]
     count = channels[0][1].shape[1]
@@ -225,6 +224,13 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
             yield _Event(
                 float(gains[best]), size, each[best], int(times[best]), float(widths[best]), len(each), sign, law
             )
+
+
+def _ramp(fitting: Fitting) -> tuple[Kind, list[int]]:
+    """Return the kind of the ramp's numbers, and which of its channels are phases."""
+    c = fitting.comparison
+    kind = next(k for k in c.kinds if k.name == 'ramp')
+    return kind, [i for i, channel in enumerate(c.recorded.channels) if channel.of_phase]
 
 
 def _shapes(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

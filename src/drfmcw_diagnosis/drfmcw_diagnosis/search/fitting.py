@@ -422,25 +422,20 @@ class Fitting:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""
         self.whitening = self.whitening_of(fitted)
 
-    def whitening_of(
-        self, fitted: 'Fitted | None', with_unknown: bool = True, beside: np.ndarray | None = None
-    ) -> Whitening:
+    def whitening_of(self, fitted: 'Fitted | None', with_unknown: bool = True) -> Whitening:
         """Return the whitening of what an explanation leaves, where the forward models are off by `doubt`.
 
-        With `with_unknown`, what `count_as_noise` has found counts as noise; with `beside` (k, n), that alone.
+        With `with_unknown`, what is set aside may be of any size, and what `count_as_noise` has found counts as noise.
         """
         directions = [self.comparison.common_errors]
         if fitted is not None and any(e.candidate.recipe.fringes for e in fitted.effects):
             directions.append(self._by_group(self.comparison.displaced(_built(fitted)) - fitted.template))
         if fitted is not None:
             directions += [self._by_group(x - fitted.template) for x in self.comparison.outcomes(_built(fitted))]
-        noisier: np.ndarray | float = 1.0
-        if beside is not None:
-            directions.append(beside)
-        elif with_unknown:
+        if with_unknown:
             directions.append(self.set_aside)
-            noisier = self.noisier
-        return Whitening(noisier / np.sqrt(1.0 + self.doubt(fitted) ** 2), np.concatenate(directions))
+        weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
+        return Whitening(weight, np.concatenate(directions))
 
     def count_as_noise(self, fitted: 'Fitted | None', apart: np.ndarray) -> None:
         """Set aside what has no name; let other numbers that are not explained count by the scatter that they have.
@@ -453,7 +448,8 @@ class Fitting:
         """
         entries = self.comparison.entries
         template = fitted.template if fitted is not None else 0.0
-        rest = self.whitening_of(fitted, beside=apart)(self.comparison.residual - template)
+        as_measured = self.whitening_of(fitted, with_unknown=False)
+        rest = as_measured.beside(apart)(self.comparison.residual - template)
         cells = cells_of(entries)
         used = np.bincount(cells, rest != 0.0)
         scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)

@@ -38,7 +38,9 @@ def leftovers(
     """
     c = fitting.comparison
     template = fitted.template if fitted else np.zeros(len(c.residual))
-    whitening = fitting.whitening_of(fitted, with_unknown=False, beside=fitting.set_aside if apart else None)
+    whitening = fitting.whitening_of(fitted, with_unknown=False)
+    if apart:
+        whitening = whitening.beside(fitting.set_aside)
     weight, rest = whitening.weight, whitening(c.residual - template)
     if slopes is None:
         slopes = fitting.slopes(fitted) if fitted else np.zeros((0, len(rest)))

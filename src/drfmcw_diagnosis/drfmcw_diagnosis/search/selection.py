@@ -28,7 +28,6 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         search: prepared.
         false_alarm_rate: accepted chance of adding an effect to a recording that needs none.
     """
-    search.trust(None)
     current, significance, rounds = forward(search, None, false_alarm_rate)
     current = pruned(search, current, false_alarm_rate)
     exchanged: list[Fitted] = []
@@ -106,15 +105,13 @@ def forward(
     rounds: list[list[Fitted]] = []
     dropped: set[tuple[str, str]] = set()
     while current is None or len(current.effects) < SELECTION.most:
+        search.trust(current)
         if current is not None:
-            search.trust(current)
             current = search.again(current)
         ranked = search.best_addition(current)
         beside = current.template if current is not None else 0.0
         best = next((f for f in ranked if search.credible(f, beside)), None)
         if events.set_aside(search, current, best):
-            if current is None:
-                search.trust(None)
             continue
         rounds.append(ranked)
         instead = _without_uncertain(search, ranked, best, dropped)

@@ -96,9 +96,9 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     """Return how well each effect of an explanation stands by itself, in order."""
     entries = fitting.comparison.entries
     whitening = fitting.whitening
-    # nothing is clean because it counts as noise; an event that is set aside is a single number
-    as_measured = fitting.whitening_of(fitted, beside=fitting.set_aside)
     as_it_is = fitting.whitening_of(fitted, with_unknown=False)
+    # nothing is clean because it counts as noise; an event that is set aside takes few of the numbers with it
+    as_measured = as_it_is.beside(fitting.set_aside)
     residual = fitting.comparison.residual - fitted.template
     rest, left_over = whitening(residual), as_measured(residual)
     derivatives = fitting.slopes(fitted)

@@ -86,8 +86,8 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     for _ in range(LIMITS.rounds):
         current = _standing(search, current)
         before = current.keys if current is not None else ()
-        search.count_as_noise(current, events.left(search, current))
-        search.trust(current)
+        as_measured = search.whitening_of(current, with_unknown=False)
+        search.count_as_noise(current, events.left(search, current, as_measured))
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
         if more is None or more.keys == before:

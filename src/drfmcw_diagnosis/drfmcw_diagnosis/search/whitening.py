@@ -22,14 +22,19 @@ class Whitening:
             directions: common errors, each times its prior standard deviation (k, n); None where there are none.
         """
         self.weight = weight
+        self._directions = np.zeros((0, len(weight))) if directions is None else directions
         self._vectors = np.zeros((0, len(weight)))
         self._shrunk = np.zeros(0)
-        if directions is not None and len(directions):
-            common = directions * weight
+        if len(self._directions):
+            common = self._directions * weight
             values, vectors = np.linalg.eigh(common @ common.T)
             used = values > FIT.unfelt
             self._vectors = (vectors[:, used] / np.sqrt(values[used])).T @ common
             self._shrunk = 1.0 - 1.0 / np.sqrt(1.0 + values[used])
+
+    def beside(self, directions: np.ndarray) -> 'Whitening':
+        """Return the same with further common errors, each times its prior standard deviation (k, n)."""
+        return Whitening(self.weight, np.concatenate([self._directions, directions]))
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return whitened values (..., n)."""
