@@ -92,6 +92,10 @@ class ScatterLimits:
     pool: float = 30.0
     """Sweeps for which the scatter in all groups counts in each group; chosen."""
 
+    turned: float = 8.0
+    """Departure of a sweep's phase from its neighbours' over the usual one [1], from which on a burst has turned it;
+    chosen."""
+
     coherent: float = 0.5
     """Length of the mean phasor of a group's sweeps [1], beyond which their phases count as one; chosen."""
 

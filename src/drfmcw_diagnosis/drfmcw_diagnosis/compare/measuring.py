@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..features.extractor import local_noise, mean_power, median_of_mean, quiet_sweeps, ramp_spectrum
+from ..features.extractor import local_noise, median_of_mean, quiet_power, ramp_spectrum
 from .known import Known
 from .recorded_sweeps import RecordedSweeps
 
@@ -43,7 +43,7 @@ class Evidence:
     @functools.cached_property
     def spectra(self) -> list[np.ndarray]:
         """Mean power of each group's sweeps without bursts (S, B) [LSB^2]."""
-        return [mean_power(s.power, quiet_sweeps(s.quiet))[0] for s in self.recorded.sweeps]
+        return [quiet_power(s.quiet, s.power)[0] for s in self.recorded.sweeps]
 
     @functools.cached_property
     def around(self) -> np.ndarray:

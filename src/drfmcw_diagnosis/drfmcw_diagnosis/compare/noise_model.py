@@ -10,6 +10,7 @@ from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
+from ..features.extractor import quiet_power
 from ..features.limits import SIDEBANDS, SPECTRUM
 from .groups import Part
 from .limits import MODEL, SIMULATION
@@ -43,7 +44,8 @@ class NoiseModel:
     def _spread(self, recorded: RecordedSweeps) -> np.ndarray:
         """Return the power of the lines with all that spreads them, over their coherent power (G, S).
 
-        A curved ramp or a second path spreads a line over many bins; its skirts follow all of its power.
+        A curved ramp or a second path spreads a line over many bins; its skirts follow all of its power. Sweeps with
+        bursts do not count, which are stronger than a line at times.
         """
         result = np.ones(self._powers.shape)
         width = recorded.sample_rate / 2 / (self._bins - 1)
@@ -51,14 +53,15 @@ class NoiseModel:
             # of a line of unit power, summed over its bins
             summed = np.array(part.extract.window_power) * 2.0 * (self._bins - 1)
             for group in part.groups:
-                mean = recorded.sweeps[group].power.mean(axis=0)
+                sweeps = recorded.sweeps[group]
+                mean, _ = quiet_power(sweeps.quiet, sweeps.power)
                 for station, power in enumerate(mean):
                     at = round(self._lines[group, station] / width)
                     reach = SPECTRUM.line
                     low, high = max(at - reach, 0), min(at + reach + 1, self._bins)
                     around = np.concatenate([power[max(low - reach, 0) : low], power[high : high + reach]])
                     total = np.sum(power[low:high] - np.median(around)) / summed[station]
-                    result[group, station] = total / self._powers[group, station]
+                    result[group, station] = max(total / self._powers[group, station], SPECTRUM.least_spread)
         return result
 
     def predicted(

@@ -10,7 +10,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
 from drfmcw_sim.measurements import Measurements
 
-from ..features.extractor import SweepFeatures, local_noise, mean_power, quiet_sweeps, ramp_spectrum, unevenness
+from ..features.extractor import SweepFeatures, local_noise, pooled_unevenness, quiet_power, ramp_spectrum
 from .groups import Part, acted
 from .limits import SIMULATION
 from .noise_model import NoiseModel
@@ -298,17 +298,17 @@ class Predictor:
             self._steady[first] = self._among_noise(part, ())
         (uneven, bands), (even, plain) = self._among_noise(part, effects), self._steady[first]
         # bursts know no distance, and all groups together hold enough of them
-        return Bursts(np.tile((uneven - even).mean(axis=0), (len(uneven), 1, 1)), np.nan_to_num(bands - plain))
+        return Bursts(np.tile(uneven - even, (len(bands), 1, 1)), np.nan_to_num(bands - plain))
 
     def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return unevenness (G, S, 3) and noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
+        """Return the unevenness of all groups (S, 3) and noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
         copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
         features = self.simulated.jittered(part, effects, True, copies, quiet=True)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
         line = features.line.reshape(copies, count, -1).mean(axis=0)
-        spectra = [mean_power(p, quiet_sweeps(q)) for p, q in zip(power, quiet, strict=True)]
+        spectra = [quiet_power(q, p) for p, q in zip(power, quiet, strict=True)]
         bands = [self.recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
-        return np.array([unevenness(q)[0] for q in quiet]), np.array(bands)
+        return pooled_unevenness(list(quiet)), np.array(bands)
 
     def placed(self, part: Part, effects: Sequence[Effect], displaced: bool = False) -> tuple[Part, np.ndarray]:
         """Return where the model has its groups, and what the reference says there (G,) [m]; see `Expected`.

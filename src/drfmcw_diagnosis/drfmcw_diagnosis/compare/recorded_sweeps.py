@@ -29,6 +29,7 @@ class RecordedSweeps:
         members: rows of `data` in each group.
         scatters: the groups have enough sweeps to estimate their scatter.
         unsound: how many sweeps were left out, as their lines were not where they should be.
+        whole: groups of which no sweep was left out for that (G,).
         parts: the groups by setting.
         sweeps: features of each group's members.
         shares: of each group's members in the coherence (n, C).
@@ -67,11 +68,12 @@ class RecordedSweeps:
                 needed = f'needs at least {SCATTER.fewest} sweeps under the same conditions'
                 raise ConfigurationError(f'{data.path}: {needed}')
             self.members = members
-        self.unsound = 0
+        self.unsound, self.whole = 0, np.ones(len(self.members), bool)
         self._extract()
         sound = [self._sound(g) for g in range(len(self.members))]
         if self.topology.is_pair and not all(s.all() for s in sound) and any(s.sum() >= SCATTER.fewest for s in sound):
             kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= SCATTER.fewest]
+            self.whole = np.array([s.all() for s in sound if s.sum() >= SCATTER.fewest])
             self.unsound = sum(map(len, self.members)) - sum(map(len, kept))
             self.members = kept
             self._extract()
@@ -117,7 +119,7 @@ class RecordedSweeps:
     @functools.cached_property
     def quiet_counts(self) -> np.ndarray:
         """Number of each group's sweeps without a burst (G, S)."""
-        return np.array([quiet_sweeps(s.quiet).sum(axis=0) for s in self.sweeps])
+        return np.array([quiet_sweeps(s.quiet, s.power).sum(axis=0) for s in self.sweeps])
 
     @functools.cached_property
     def beside_lines(self) -> np.ndarray:

@@ -444,14 +444,25 @@ def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
     return (1.0 - 1.0 / (9.0 * count)) ** 3
 
 
-def quiet_sweeps(quiet: np.ndarray) -> np.ndarray:
-    """Return which sweeps hold no burst (n, S), all of a station where hardly any is free; `quiet` (n, S, T)."""
-    free = ~np.any(quiet > SPECTRUM.burst * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
+def quiet_sweeps(quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """Return which sweeps hold no burst (n, S), all of a station where hardly any is free.
+
+    A strong burst at the edge of the window shows in no span, but in the spectrum.
+
+    Args:
+        quiet: power in spans without the line (n, S, T).
+        power: spectra (n, S, B).
+    """
+    burst = np.any(quiet > SPECTRUM.burst * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
+    noise = np.median(power, axis=2)
+    most = 1.0 + SPECTRUM.noisier / np.sqrt(power.shape[2])
+    free = ~burst & (noise < most * np.median(noise, axis=0))
     return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
 
 
-def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)); `power` (n, S, B), `chosen` (n, S)."""
+def quiet_power(quiet: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (mean spectra of the sweeps without bursts (S, B), their number (S,)); arguments as of `quiet_sweeps`."""
+    chosen = quiet_sweeps(quiet, power)
     count = chosen.sum(axis=0)
     return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
 
@@ -466,23 +477,39 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         quiet: power of n sweeps in spans (n, S, T).
     """
     n, _, spans = quiet.shape
-    over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
-    square = np.mean(over**2, axis=2)
-    middle = np.median(square, axis=0)
-    spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
+    square, loud = _over_median(quiet)
+    spread = 1.4826 * np.median(np.abs(square - 1.0), axis=0)  # of normal noise
     least = 2.0 / np.sqrt(SPECTRUM.span * spans)  # of white noise in I and Q, the evenest there is
-    share, sweeps = np.mean(over > SPECTRUM.burst, axis=(0, 2)), np.mean(over.max(axis=2) > SPECTRUM.burst, axis=0)
+    share, sweeps = np.mean(loud, axis=(0, 2)), np.mean(loud.any(axis=2), axis=0)
     return (
-        np.stack([np.log(square.mean(axis=0) / middle), sweeps, share], axis=1),
+        np.stack([np.log(square.mean(axis=0)), sweeps, share], axis=1),
         np.stack(
             [
-                np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
+                np.maximum(spread, least) / np.sqrt(n),  # of mean less median
                 np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
                 np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
             ],
             axis=1,
         ),
     )
+
+
+def pooled_unevenness(groups: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the `unevenness` (S, 3) of several groups' sweeps together, each over its own group's median.
+
+    A few sweeps hold no burst by chance, which the logarithm would weigh too much.
+    """
+    squares, louds = zip(*map(_over_median, groups), strict=True)
+    loud = np.concatenate(louds)
+    shares = np.mean(loud.any(axis=2), axis=0), np.mean(loud, axis=(0, 2))
+    return np.stack([np.log(np.concatenate(squares).mean(axis=0)), *shares], axis=1)
+
+
+def _over_median(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return each sweep's mean square of its spans over the sweeps' median (n, S), and which spans are loud (n, S, T)."""
+    over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
+    square = np.mean(over**2, axis=2)
+    return square / np.median(square, axis=0), over > SPECTRUM.burst
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

@@ -65,6 +65,9 @@ class SpectrumLimits:
     harmonics: tuple[int, ...] = (2, 3, 5)
     """Multiples of the line's phase at which distortion shows; chosen."""
 
+    least_spread: float = 0.5
+    """Power of a line's bins over its coherent power, at least [1]; derived: 1, less what noise makes of it."""
+
     span: int = 64
     """Samples over which the power without the line is taken; chosen."""
 
@@ -78,6 +81,10 @@ class SpectrumLimits:
     burst: float = 2.2
     """Power over its median that no span of steady noise reaches [1]; derived: the mean power of 64 real samples of
     white noise exceeds it with a chance of 1e-7 (chi-squared)."""
+
+    noisier: float = 16.0
+    """Excess of the median power of a sweep's bins over that of its group [1], times the root of their number, from
+    which on it holds a burst; chosen: eight standard deviations of steady noise behind a Hann window."""
 
     line: int = 64
     """Bins on either side of a line in which no other line is sought; chosen: the ramp's features cover them."""

@@ -340,7 +340,7 @@ class JudgeLimits:
 class LineLimits:
     """How many lines describe a sweep, and how they are refined."""
 
-    most: int = 16
+    most: int = 24
     """Lines of a sweep, at most; chosen: seconds of work."""
 
     items: int = 6
@@ -355,8 +355,8 @@ class LineLimits:
     helps: float = 0.02
     """Share by which lines must lower the held-out mean square [1]; chosen."""
 
-    patience: int = 4
-    """Lines in turn that may not help before no more are tried; chosen: several may describe what one does not."""
+    patience: int = 12
+    """Lines in turn that may not help before no more are tried; chosen: of many layers, one line describes little."""
 
     padding: int = 4
     """Points of the spectrum per resolution cell in which a line begins; chosen."""
@@ -367,8 +367,8 @@ class LineLimits:
     damping: float = 1e-3
     """Of Levenberg and Marquardt's method where a fit begins [1]; chosen."""
 
-    rounds: int = 8
-    """Iterations of a fit, at most; chosen."""
+    rounds: int = 20
+    """Iterations of a fit, at most; chosen: lines a resolution cell apart settle slowly."""
 
     trials: int = 5
     """Steps tried in each of them; chosen."""

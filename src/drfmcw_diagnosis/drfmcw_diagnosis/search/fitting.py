@@ -392,7 +392,7 @@ class Fitting:
         for kind in self.comparison.kinds:
             if kind.trust.beside_bursts is not None:
                 rows = self.comparison.rows(kind)
-                doubt[rows] = kind.trust.beside_bursts * np.abs(template[rows])
+                doubt[rows] = kind.by_chance(template[rows], self.comparison.std[kind.name].ravel())
         directions = np.concatenate([self.comparison.common_errors, self.set_aside])
         return Whitening(self.whitening.weight / np.sqrt(1.0 + doubt**2), directions)
 
@@ -417,6 +417,19 @@ class Fitting:
     def misfit(self, template: np.ndarray | float) -> float:
         """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
         return float(np.sum(self.whitening(self.comparison.residual - template) ** 2))
+
+    def gain_over(self, fitted: 'Fitted', without: 'Fitted') -> float:
+        """Return twice the log likelihood of an explanation over that of one without some of its effects.
+
+        Each has its own doubt: what an effect adds is uncertain only if it is there. Numbers that it leaves out as too
+        uncertain count as uncertain by all that it adds to them.
+        """
+        weights = [self.whitening_of(f).weight for f in (without, fitted)]
+        used = weights[0] > 0.0
+        other, own = (w[used] for w in weights)
+        before, after = ((self.comparison.residual - f.template)[used] for f in (without, fitted))
+        own = np.where(own > 0.0, own, other / np.hypot(1.0, (before - after) * other))
+        return float(np.sum((before * other) ** 2 - (after * own) ** 2 + 2.0 * np.log(own / other)))
 
     def trust(self, fitted: 'Fitted | None') -> None:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""
@@ -495,6 +508,7 @@ class Fitting:
         ]
         return Explained(
             recorded=c.recorded,
+            std=c.std,
             trust=c.known.trust,
             distorting=any(e.distorts for e in acting),
             bursting=any(e.bursts for e in acting),

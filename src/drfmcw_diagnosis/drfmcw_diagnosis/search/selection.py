@@ -195,6 +195,8 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
             rest = tuple(e for i, e in enumerate(found.effects) if i != number)
             without = search.again(dataclasses.replace(found, effects=rest, linearised=linearised))
             gain = without.misfit - found.misfit - search.imitated(effect, without)
+            if effect.candidate.kind.bursts:
+                gain = search.gain_over(found, without)
             chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
         chance, without = max(chances, key=lambda item: item[0], default=(0.0, found))
         if chance <= false_alarm_rate * SELECTION.further:

@@ -1,7 +1,7 @@
 """What a kind of number asks of an explanation, to say how far its forward model is trusted."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -13,6 +13,7 @@ class Explained:
     """An explanation, as the doubt about forward models depends on it."""
 
     recorded: RecordedSweeps
+    std: Mapping[str, np.ndarray]  # of the numbers of each kind
     trust: float  # to which forward models are trusted in general, relative to what they add
     distorting: bool  # one of its effects distorts the IF
     bursting: bool  # one of its effects comes and goes

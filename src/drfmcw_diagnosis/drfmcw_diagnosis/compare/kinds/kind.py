@@ -135,13 +135,21 @@ class Kind(abc.ABC):
         """
         trust = explained.trust if self.trust.usual is None else self.trust.usual
         doubt: np.ndarray = trust * self.uncertain(explained, np.abs(template))
-        for acts, own in (
-            (explained.distorting, self.trust.beside_distortion),
-            (explained.bursting, self.trust.beside_bursts),
-        ):
-            if acts and own is not None:
-                doubt = np.maximum(doubt, own * self.uncertain(explained, np.abs(nonlinear)))
-        return np.maximum(doubt, self.trust.rest_beside_bursts) if explained.bursting else doubt
+        if explained.distorting and self.trust.beside_distortion is not None:
+            doubt = np.maximum(doubt, self.trust.beside_distortion * self.uncertain(explained, np.abs(nonlinear)))
+        if explained.bursting:
+            chance = self.by_chance(nonlinear, explained.std[self.name].ravel())
+            doubt = np.maximum(np.maximum(doubt, chance), self.trust.rest_beside_bursts)
+        return doubt
+
+    def by_chance(self, added: np.ndarray, std: np.ndarray) -> np.ndarray:
+        """Return how far what bursts add to numbers is off because a group holds a few of them by chance (n,).
+
+        Args:
+            added: by the bursts, whitened (n,).
+            std: of the numbers (n,).
+        """
+        return (self.trust.beside_bursts or 0.0) * np.abs(added)
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Return that to which the trust is relative (n,): usually the `size` (n,) of what an explanation adds."""

@@ -20,18 +20,35 @@ class Burst(Kind):
     """How unevenly the power beside the line is spread (G, S, 3), see `features.extractor.unevenness`."""
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the unevenness of each group; nothing is compared where sweeps are too few to scatter."""
-        sweeps = evidence.recorded.sweeps
-        if evidence.recorded.scatters:
-            return evidence.by_group(lambda g: unevenness(sweeps[g].quiet))
-        shape = (len(sweeps), len(evidence.recorded.heard), 3)
-        return np.zeros(shape), np.full(shape, np.inf)
+        """Return the unevenness of each group; nothing is compared where sweeps are too few to scatter.
+
+        Bursts may be why sweeps were left out, so groups that are whole say how often they come. A group that holds
+        none by chance says nothing of their power.
+        """
+        recorded, sweeps = evidence.recorded, evidence.recorded.sweeps
+        if not recorded.scatters:
+            shape = (len(sweeps), len(recorded.heard), 3)
+            return np.zeros(shape), np.full(shape, np.inf)
+        values, std = evidence.by_group(lambda g: unevenness(sweeps[g].quiet))
+        if recorded.whole.any():
+            std[~recorded.whole] = np.inf
+        loud = (values[..., 1] > 0.0) & np.isfinite(std[..., 1])
+        std[..., 0] = np.where(loud | ~loud.any(axis=0), std[..., 0], np.inf)
+        return values, std
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return what bursts add to the unevenness of steady noise."""
         if expected.bursting:
             return expected.bursts.uneven
         return np.zeros((*expected.features.line.shape, 3))
+
+    def by_chance(self, added: np.ndarray, std: np.ndarray) -> np.ndarray:
+        """Return how far what bursts add is off by chance: of a mean square, of whose logarithm little if it is large."""
+        doubt, scale = super().by_chance(added, std).reshape(-1, 3), std.reshape(-1, 3)[:, 0]
+        known = np.isfinite(scale)
+        more = -np.expm1(-np.abs(added.reshape(-1, 3)[known, 0]) * scale[known])
+        doubt[known, 0] = (self.trust.beside_bursts or 0.0) * more / scale[known]
+        return doubt.ravel()
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Doubt all of a distorted station: the stronger sweeps are distorted more, harmonics come and go as bursts."""

@@ -4,7 +4,9 @@ import dataclasses
 import itertools
 
 import numpy as np
+from scipy.ndimage import median_filter
 
+from ...features.extractor import SweepFeatures, quiet_sweeps
 from ...recording.grouping import noise_by_bends
 from ..groups import pooled
 from ..limits import MODEL, SCATTER
@@ -108,25 +110,27 @@ class Movement(Kind):
     per_sweep: bool = True
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return each sweep's movement from the group's mean."""
+        """Return each sweep's movement from the group's mean; a burst turns the phase of the sweep that holds it."""
         recorded, known = evidence.recorded, evidence.known.range()
         wave = recorded.parts[0].extract.way_per_phase
         by_phase = any(part.extract.way_per_phase for part in recorded.parts)
         values, stds = [], []
         for g, (rows, sweeps) in enumerate(zip(recorded.members, recorded.sweeps, strict=True)):
+            quiet = _undisturbed(sweeps)
             if recorded.standing[g]:
-                turned = np.unwrap(sweeps.carrier) * wave
+                turned = np.unwrap(sweeps.carrier[quiet]) * wave
                 # noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does
                 wander = noise_by_bends(turned) if len(turned) >= SCATTER.wander_sweeps else 0.0
                 std = np.hypot(np.maximum(sweeps.phase_std * wave, wander), MODEL.movement)
                 compared = by_phase
             else:
                 # from sweep to sweep a drive passes more wavelengths than the reference can count
-                turned = evidence.range_errors[g]
+                turned = evidence.range_errors[g][quiet]
                 std = np.hypot(sweeps.range_std, np.nan_to_num(recorded.data.reference_std[rows]))
                 compared = bool(known[g]) and by_phase
-            values.append(turned - turned.mean())
-            stds.append(std if compared else np.full(len(turned), np.inf))
+            moved = np.interp(np.arange(len(rows)), np.flatnonzero(quiet), turned)
+            values.append(moved - moved.mean())
+            stds.append(np.where(quiet & compared, std, np.inf))
         return np.concatenate(values), np.concatenate(stds)
 
     def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
@@ -159,6 +163,21 @@ class Movement(Kind):
         time = shown.recorded.data.time[np.concatenate(shown.recorded.members)]
         residual, std, curve = (v[known] for v in (shown.residual, shown.std, shown.curve))
         return Plotted(time[known], residual, std, curve, self.unit)
+
+
+def _undisturbed(sweeps: SweepFeatures) -> np.ndarray:
+    """Return which sweeps' phases no burst turns (n,), all where hardly any is free.
+
+    Where there are bursts, one may also lie where the spectrum's window ends: the phase alone shows it.
+    """
+    quiet = quiet_sweeps(sweeps.quiet, sweeps.power).all(axis=1)
+    if quiet.all() or quiet.sum() < SCATTER.wander_sweeps:
+        return np.ones(len(quiet), bool)
+    phase = np.unwrap(sweeps.carrier[quiet])
+    off = np.abs(phase - median_filter(phase, 3, mode='nearest'))
+    if off.any():
+        quiet[quiet] = off <= SCATTER.turned * np.median(off[off > 0.0])
+    return quiet
 
 
 BEAT = BeatSum(
