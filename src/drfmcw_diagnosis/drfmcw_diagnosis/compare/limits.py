@@ -22,6 +22,9 @@ class ModelLimits:
     own_flutter: float = 0.03
     """Of the change from sweep to sweep that effects of random phase cause [1]; chosen."""
 
+    flutter_leak: float = 0.02
+    """Of the largest such change in a group, in all of its terms [1]; chosen."""
+
     harmonics: float = 0.5
     """Of harmonics in the spectrum [1]: their position and shape multiply those of the line; chosen."""
 

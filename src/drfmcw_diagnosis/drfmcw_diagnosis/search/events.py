@@ -6,11 +6,13 @@ effect, the effect is in doubt; where one is left, it is set aside, so that it h
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.fft
 from scipy import special, stats
+
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.kinds import Kind
 from .fitting import Fitted, Fitting, Freedom
@@ -162,7 +164,7 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
 def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     """Return what may be unknown of an event, each times its prior (k, n).
 
-    Its size; its time and its onset to first order; each block about it in each channel. The more distant the other
+    Its size; its time and its onset to first order; each block about it in each channel; the lines' shift. The more distant the other
     station, the later it hears what happens at the first one, which shows in the sum of the phases for that long.
     """
     c, (kind, phases) = fitting.comparison, _ramp(fitting)
@@ -186,11 +188,33 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
             shown = _as_shown(shape[None], channel in phases)
             size = factor * event.size * event.law * along
             result[number, c.rows(kind, channel)] = np.ravel(size[:, None] * shown / std)
-    return result
+    return np.concatenate([result, _shifted_lines(fitting, event, phases)])
+
+
+def _shifted_lines(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np.ndarray:
+    """Return by how much an event of the phases may shift the lines of each sweep, each times its prior (k, n).
+
+    A sweep's frequency follows a part of the event: a line through a step is steeper. By how much depends on the
+    estimator, so all of it is unknown. The sum of the phases shows it in the range, the difference in the beats.
+    """
+    c = fitting.comparison
+    sweep, block = c.data.sweeps[0][0], np.arange(len(event.shape)) - 0.5 * (len(event.shape) - 1)
+    turned = event.size * float(event.shape @ block / (block @ block))  # [rad per block]
+    hertz = turned / (2.0 * np.pi * float(c.time[1] - c.time[0]))
+    shifts = {'range': hertz * SPEED_OF_LIGHT / (2.0 * abs(sweep.chirp_rate)), 'beat': hertz}
+    found = np.zeros((0, len(c.residual)))
+    for name, channel in zip(shifts, phases, strict=False):
+        kind = next((k for k in c.kinds if k.name == name), None)
+        if kind is None or channel not in event.channels:
+            continue
+        shifted = np.zeros((1, len(c.residual)))
+        shifted[0, c.rows(kind)] = shifts[name] * event.law / c.std[name]
+        found = np.concatenate([found, shifted])
+    return found
 
 
 def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Freedom) -> Iterator[_Event]:
-    """Yield the best event in each channel of the ramp, in both phases, as large at all distances or not.
+    """Yield the best event in each channel of the ramp and in both phases, of each law.
 
     Args:
         fitting: of the recording.
@@ -205,8 +229,7 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
     count = channels[0][1].shape[1]
     each, times, widths = _shapes(count)
     either = [_as_shown(each, of_phase) for of_phase in (False, True)]
-    near = c.recorded.distance / c.recorded.distance.mean()
-    for law in (np.ones_like(near), near):
+    for law in _laws(fitting):
         for sign in signs:
             shapes = either[next(iter(sign)) in phases]
             remains, power = np.zeros(len(shapes)), np.zeros(len(shapes))
@@ -224,6 +247,20 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
             yield _Event(
                 float(gains[best]), size, each[best], int(times[best]), float(widths[best]), len(each), sign, law
             )
+
+
+def _laws(fitting: Fitting) -> list[np.ndarray]:
+    """Return how large an event may be in each group (G,): alike, by the distance, by the frequency of a line.
+
+    The last is that of samples which a station loses: what follows comes too early.
+    """
+    r = fitting.comparison.recorded
+    laws = [np.ones_like(r.distance), r.distance / r.distance.mean()]
+    for number, station in enumerate(r.heard):
+        lines = np.array([sweeps.line[:, number].mean() for sweeps in r.sweeps])
+        signs = np.array([r.data.sweeps[r.data.setting[rows[0]]][station].line_sign() for rows in r.members])
+        laws.append(signs * lines / lines.mean())
+    return laws
 
 
 def _ramp(fitting: Fitting) -> tuple[Kind, list[int]]:

@@ -113,8 +113,13 @@ class Flutter(_OfChannels):
         return np.where(compared, over, 0.0)
 
     def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
-        """Add to it the doubt about what effects of random phase do, which the template holds."""
-        own = MODEL.own_flutter * np.abs(template)
+        """Add to it the doubt about what effects of random phase do, which the template holds.
+
+        A strong one leaks into all terms, since each sweep's amplitude, phase and frequency follow a part of it.
+        """
+        by_group = np.abs(template).reshape(len(explained.recorded.members), -1)
+        leaked = MODEL.flutter_leak * by_group.max(axis=1, keepdims=True)
+        own = np.maximum(MODEL.own_flutter * by_group, leaked).ravel()
         doubt: np.ndarray = np.hypot(super().doubt(explained, template, nonlinear), own)
         return doubt
 
