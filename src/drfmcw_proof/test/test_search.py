@@ -94,6 +94,18 @@ def test_a_drives_sway_shows_in_its_range(tmp_path):
     assert chi_square(comparison, 'movement', *effects) < 1.0 + 5.0 * np.sqrt(2.0 / 84)
 
 
+def test_a_sway_of_many_wavelengths_shows_in_its_range(tmp_path):
+    """It passes more than half a turn of the carrier's phase from sweep to sweep, though the reference stands."""
+    swung = {'amplitude': 0.6, 'frequency': 0.55, 'phase': 0.3}
+    comparison = compared(tmp_path / 'r', 45, Applied('sway', None, swung), settings=8, sweeps=24)
+    assert comparison.standing.all() and not comparison.recorded.counted.any()
+    assert chi_square(comparison, 'movement') > 100.0
+    # 192 numbers, 5 standard deviations: false failure below 1e-6
+    assert chi_square(comparison, 'movement', Effect.registry['sway'](**swung)) < 1.0 + 5.0 * np.sqrt(2.0 / 192)
+    still = compared(tmp_path / 's', 45, settings=8, sweeps=24)
+    assert still.recorded.counted.all()
+
+
 def test_two_echoes_are_two(tmp_path):
     """Of 50 sigma each, 6 m apart: each excess range to its deviation, by the delay and not by the carrier's phase."""
     truth = {4.2: -48.0, 10.1: -49.0}
@@ -173,6 +185,19 @@ def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
     assert [e.key for e in found.effects] == [('interference_burst', 'slave')]
 
 
+def test_bursts_stronger_than_the_line_leave_the_noise_between_them_alone(tmp_path):
+    """Those at the window's edge show in no span; those that throw a sweep out are missing among the others."""
+    burst = {'probability': 0.25, 'level': -10.0, 'duration': 3e-5}
+    comparison = compared(tmp_path / 'r', 44, Applied('interference_burst', 'slave', burst), settings=14, sweeps=24)
+    z = comparison.residual[comparison.entries.where(kind='noise') & (comparison.residual != 0.0)]
+    # 5 standard deviations: false failure below 1e-6
+    assert np.mean(z**2) < 1.1 + 5.0 * np.sqrt(2.0 / len(z))
+    assert chi_square(comparison, 'movement') < 1.1 + 5.0 * np.sqrt(2.0 / 200)
+    search = Search(comparison, without=set(Effect.registry) - {'interference_burst', 'noise_floor', 'phase_noise'})
+    found = judged(search, searched(search, 0.01), 0.01).explanation
+    assert [e.key for e in found.effects] == [('interference_burst', 'slave')]
+
+
 def test_what_clipping_does_to_strong_sweeps_is_no_burst(tmp_path):
     """The limit is reached at the nearest place alone, by the stronger sweeps more than by the others."""
     clipping = Applied('clipping', 'master', {'level': -25.0})
@@ -246,3 +271,13 @@ def test_an_event_without_a_name_hides_no_ripple(tmp_path):
     assert {e.key[0] for e in judgement.explanation.effects} == {'sweep_ripple'}
     (found,) = judgement.explanation.effects
     assert abs(found.values['rate'] - ripple['rate']) < 5.0 * found.stds['rate']
+
+
+def test_a_lost_sample_is_no_clock_that_is_off(tmp_path):
+    """What follows comes one sample early: its phase is off by the line's frequency, its slope as by a slow clock."""
+    lost = Applied('dropped_samples', 'slave', {'count': 1, 'time': 3.1e-4})
+    comparison = compared(tmp_path / 'r', 46, lost, settings=10)
+    others = set(Effect.registry) - {'sample_clock_offset', 'reference_scale', 'sweep_ripple', 'sweep_rate'}
+    search = Search(comparison, without=others)
+    judgement = judged(search, searched(search, 0.01), 0.01)
+    assert judgement.verdict == 'unexplained'

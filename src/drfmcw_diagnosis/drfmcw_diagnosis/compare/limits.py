@@ -95,9 +95,19 @@ class ScatterLimits:
     pool: float = 30.0
     """Sweeps for which the scatter in all groups counts in each group; chosen."""
 
-    turned: float = 8.0
+    turned: float = 5.0
     """Departure of a sweep's phase from its neighbours' over the usual one [1], from which on a burst has turned it;
     chosen."""
+
+    ambiguous: float = 0.5
+    """Movement from sweep to sweep over half a turn of the carrier's phase [1], from which on the range counts it;
+    chosen."""
+
+    beyond_noise: float = 4.0
+    """Mean square of that movement in the range over that of its noise, from which on it is a movement [1]; chosen."""
+
+    course: int = 3
+    """Degree of a polynomial that follows a slow movement within a group; chosen."""
 
     coherent: float = 0.5
     """Length of the mean phasor of a group's sweeps [1], beyond which their phases count as one; chosen."""

@@ -301,7 +301,7 @@ class Predictor:
         return Bursts(np.tile(uneven - even, (len(bands), 1, 1)), np.nan_to_num(bands - plain))
 
     def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the unevenness of all groups (S, 3) and noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
+        """Return the unevenness of all noisy sweeps (S, 3), and the noise in bands between bursts (G, S, N) [dB]."""
         copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
         features = self.simulated.jittered(part, effects, True, copies, quiet=True)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
@@ -361,6 +361,12 @@ class Predictor:
             effect.prepare(moved)
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
         creep = (self.velocity(part.all, effects) - part.all.velocity) * part.all.time
-        creeps = self.recorded.standing[part.groups]  # slower than the reference could show
-        ways = [way[local] + (creep[local] if slow else 0.0) for local, slow in zip(part.local, creeps, strict=True)]
+        sweep = part.extract.sweeps[0]
+        doppler = sweep.center_frequency / sweep.chirp_rate + 0.5 * sweep.ramp_duration  # of the range [s]
+        shifted = way + doppler * (moved.velocity - part.all.velocity)
+        ways = []
+        for group, local in zip(part.groups, part.local, strict=True):
+            by_phase, slow = self.recorded.counted[group], self.recorded.standing[group]
+            # a creep is slower than the reference could show
+            ways.append((way if by_phase else shifted)[local] + (creep[local] if slow else 0.0))
         return np.concatenate([w - w.mean() for w in ways])

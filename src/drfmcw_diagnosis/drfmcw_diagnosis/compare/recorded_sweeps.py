@@ -4,6 +4,7 @@ import functools
 import itertools
 
 import numpy as np
+from numpy.polynomial.legendre import legfit, legval
 from scipy import signal
 
 from drfmcw_node.estimators.estimation import Flag
@@ -14,6 +15,7 @@ from ..features.extractor import Extractor, SweepFeatures, as_complex, quiet_swe
 from ..features.limits import SPECTRUM
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
+from ..recording.grouping import noise_by_bends
 from ..recording.topology import Channel
 from .groups import Part, steady
 from .limits import SCATTER, SWEEPS
@@ -32,11 +34,12 @@ class RecordedSweeps:
         whole: groups of which no sweep was left out for that (G,).
         parts: the groups by setting.
         sweeps: features of each group's members.
-        shares: of each group's members in the coherence (n, C).
+        shares: of each group's quiet members in the coherence (m, C).
         slope: of the reference in each group (G,) [m/s].
         slope_std: its standard deviation (G,), inf where there is no reference.
         reference_noise: standard deviation of the reference's mean in each group (G,), 0 without reference [m].
         standing: the target stands, by its slope (G,).
+        counted: it moves so little from sweep to sweep that the carrier's phase counts its way (G,).
         bands: in which their noise is compared.
     """
 
@@ -89,6 +92,7 @@ class RecordedSweeps:
         ]
         self.reference_noise = np.sqrt(np.array(variance) / [len(m) for m in self.members])
         self.standing = np.abs(self.slope) < SWEEPS.standing * np.where(known, self.slope_std, np.inf)
+        self.counted = np.array([s and self._is_counted(g) for g, s in enumerate(self.standing)])
         self.bands = NoiseBands(data.sweeps[0][0].sample_rate, self.parts[0].extract.window_power)
 
     @property
@@ -182,6 +186,22 @@ class RecordedSweeps:
         apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
         faded = np.any(apart > np.maximum(SWEEPS.faded, SWEEPS.faded_spreads * np.median(apart, axis=0)), axis=1)
         return clear & ~(faded & (np.mean(faded) < SWEEPS.faded_share))
+
+    def _is_counted(self, group: int) -> bool:
+        """Return whether a target that stands by its reference moves less than the carrier's phase is ambiguous by.
+
+        One that sways may pass wavelengths from sweep to sweep. The ranges show it, beyond the noise in their bends.
+        """
+        sweeps = self.sweeps[group]
+        error = sweeps.range - self.data.distance[self.members[group]]
+        way = np.pi * abs(self.parts[0].extract.way_per_phase)
+        if len(error) < SCATTER.wander_sweeps or not way or not np.isfinite(error).all():
+            return True
+        noise, least = noise_by_bends(error), SCATTER.ambiguous * way
+        fast = np.mean(np.diff(error) ** 2) - 2.0 * noise**2 > max(SCATTER.beyond_noise * 2.0 * noise**2, least**2)
+        place = np.linspace(-1.0, 1.0, len(error))
+        slow = np.diff(legval(place, legfit(place, error, SCATTER.course)))
+        return not fast and float(np.mean(slow**2)) < max(SCATTER.beyond_noise * noise / len(error), least) ** 2
 
     def _expected_lines(self, group: int) -> np.ndarray:
         """Return where the nominal model has a group's lines (S,) [Hz]."""

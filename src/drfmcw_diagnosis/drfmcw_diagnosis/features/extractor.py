@@ -200,9 +200,10 @@ class Extractor:
         }
 
     def shared_noise(self, samples: tuple[np.ndarray, ...], sweeps: SweepFeatures) -> np.ndarray:
-        """Return each sweep's share in the coherence of both lines' phase noise (n, C), see `coherence`.
+        """Return each quiet sweep's share in the coherence of both lines' phase noise (m, C), see `coherence`.
 
-        Zero for one station alone, and for quadrature samples, whose line may be at negative frequency.
+        A burst would count for more than all other sweeps. Where few sweeps are quiet, all count. Zero for one station
+        alone, and for quadrature samples, whose line may be at negative frequency.
 
         Args:
             samples: of each station with samples (n, N).
@@ -215,7 +216,11 @@ class Extractor:
         phases = (total + difference) / np.sqrt(2.0), self.sign * (total - difference) / np.sqrt(2.0)
         chirp = np.array([np.polyfit(time, phase, 2)[0] / np.pi for phase in phases])
         later = self.sweeps[0].start_delay + (sweeps.beat - sweeps.beat.mean()) / self.beat_per_start_delay
-        return coherence.measured(samples, sweeps.line, chirp, later, self._weights, self.sweeps)
+        quiet = np.all(quiet_sweeps(sweeps.quiet, sweeps.power), axis=1)
+        if quiet.sum() < SIDEBANDS.quiet:
+            quiet[:] = True
+        samples = tuple(x[quiet] for x in samples)
+        return coherence.measured(samples, sweeps.line[quiet], chirp, later[quiet], self._weights, self.sweeps)
 
     def _chunk(
         self,
@@ -506,7 +511,7 @@ def pooled_unevenness(groups: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _over_median(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each sweep's mean square of its spans over the sweeps' median (n, S), and which spans are loud (n, S, T)."""
+    """Return each sweep's mean square of spans over the median of all (n, S), and which spans are loud (n, S, T)."""
     over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
     square = np.mean(over**2, axis=2)
     return square / np.median(square, axis=0), over > SPECTRUM.burst

@@ -39,6 +39,9 @@ class SidebandLimits:
     bands: int = 8
     """Bands of offsets from the line in which both stations' phases are compared; chosen."""
 
+    quiet: int = 6
+    """Sweeps without a burst that determine what both lines' noise shares; chosen."""
+
     farthest: float = 0.25
     """Largest offset, of the sample rate [1]; chosen."""
 

@@ -164,8 +164,9 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
 def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     """Return what may be unknown of an event, each times its prior (k, n).
 
-    Its size; its time and its onset to first order; each block about it in each channel; the lines' shift. The more distant the other
-    station, the later it hears what happens at the first one, which shows in the sum of the phases for that long.
+    Its size; its time and its onset to first order; each block about it in each channel; the lines' shift. The more
+    distant the other station, the later it hears what happens at the first one, which shows in the sum of the phases
+    for that long.
     """
     c, (kind, phases) = fitting.comparison, _ramp(fitting)
     ones, far = np.ones_like(c.recorded.distance), c.recorded.distance / c.recorded.distance.max()

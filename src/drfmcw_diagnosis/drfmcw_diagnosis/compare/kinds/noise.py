@@ -43,7 +43,7 @@ class Burst(Kind):
         return np.zeros((*expected.features.line.shape, 3))
 
     def by_chance(self, added: np.ndarray, std: np.ndarray) -> np.ndarray:
-        """Return how far what bursts add is off by chance: of a mean square, of whose logarithm little if it is large."""
+        """Return how far what bursts add is off by chance: of a mean square, whose logarithm is less so if large."""
         doubt, scale = super().by_chance(added, std).reshape(-1, 3), std.reshape(-1, 3)[:, 0]
         known = np.isfinite(scale)
         more = -np.expm1(-np.abs(added.reshape(-1, 3)[known, 0]) * scale[known])
@@ -127,8 +127,9 @@ class Coherence(_InBands):
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean of the sweeps' shares."""
-        values = np.stack([share.mean(axis=0) for share in evidence.recorded.shares])
-        return values, _scatter(evidence) / evidence.roots[:, None]
+        shares = evidence.recorded.shares
+        values = np.stack([share.mean(axis=0) for share in shares])
+        return values, _scatter(evidence) / np.sqrt([len(share) for share in shares])[:, None]
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return what oscillators and floors make of it."""
@@ -141,7 +142,8 @@ class Coherence(_InBands):
 
 def _scatter(evidence: Evidence) -> np.ndarray:
     """Return by what shares in the coherence scatter from sweep to sweep (G, C); inf where not compared."""
-    recorded, counts = evidence.recorded, evidence.counts
+    recorded = evidence.recorded
+    counts = np.array([len(share) for share in recorded.shares])
     if not (recorded.scatters and recorded.topology.both_heard and evidence.known.noise().all()):
         return np.full((len(counts), SIDEBANDS.bands), np.inf)
     # each share is relative to the mean of both lines' noise, which takes one more degree of freedom

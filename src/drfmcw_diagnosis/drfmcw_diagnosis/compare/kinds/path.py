@@ -104,7 +104,7 @@ class Velocity(Kind):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Movement(Kind):
-    """Movement of each sweep within its group (n,) [m]: by the carrier phase where the target stands, else by range."""
+    """Movement of each sweep within its group (n,) [m]: by the carrier phase where that counts it, else by range."""
 
     of: Of = Of.PATH
     per_sweep: bool = True
@@ -117,7 +117,7 @@ class Movement(Kind):
         values, stds = [], []
         for g, (rows, sweeps) in enumerate(zip(recorded.members, recorded.sweeps, strict=True)):
             quiet = _undisturbed(sweeps)
-            if recorded.standing[g]:
+            if recorded.counted[g]:
                 turned = np.unwrap(sweeps.carrier[quiet]) * wave
                 # noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does
                 wander = noise_by_bends(turned) if len(turned) >= SCATTER.wander_sweeps else 0.0
@@ -127,6 +127,8 @@ class Movement(Kind):
                 # from sweep to sweep a drive passes more wavelengths than the reference can count
                 turned = evidence.range_errors[g][quiet]
                 std = np.hypot(sweeps.range_std, np.nan_to_num(recorded.data.reference_std[rows]))
+                if recorded.standing[g]:
+                    std = np.maximum(std, noise_by_bends(turned))
                 compared = bool(known[g]) and by_phase
             moved = np.interp(np.arange(len(rows)), np.flatnonzero(quiet), turned)
             values.append(moved - moved.mean())
@@ -170,11 +172,11 @@ def _undisturbed(sweeps: SweepFeatures) -> np.ndarray:
 
     Where there are bursts, one may also lie where the spectrum's window ends: the phase alone shows it.
     """
-    quiet = quiet_sweeps(sweeps.quiet, sweeps.power).all(axis=1)
+    quiet: np.ndarray = np.all(quiet_sweeps(sweeps.quiet, sweeps.power), axis=1)
     if quiet.all() or quiet.sum() < SCATTER.wander_sweeps:
         return np.ones(len(quiet), bool)
     phase = np.unwrap(sweeps.carrier[quiet])
-    off = np.abs(phase - median_filter(phase, 3, mode='nearest'))
+    off = np.abs(phase - median_filter(phase, 3, mode='mirror'))
     if off.any():
         quiet[quiet] = off <= SCATTER.turned * np.median(off[off > 0.0])
     return quiet
