@@ -152,9 +152,10 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
     residual = fitting.comparison.residual - (fitted.template if fitted is not None else 0.0)
     as_measured = fitting.whitening_of(fitted, with_unknown=False)
     apart = left(fitting, fitted, as_measured)
-    misfits = [float(np.sum(as_measured.beside(x)(residual) ** 2)) for x in (fitting.set_aside, apart)]
-    gain = misfits[0] - misfits[1]
-    least = LIMITS.clearly if further is None else misfits[0] - further.misfit + LIMITS.clearly
+    now, then = (as_measured.beside(x)(residual) ** 2 for x in (fitting.set_aside, apart))
+    over_sweep = fitting.comparison.entries.where(kind='ramp')  # a shift of the lines is no evidence of an event
+    gain = float(np.sum((now - then)[over_sweep]))
+    least = LIMITS.clearly if further is None else float(np.sum(now)) - further.misfit + LIMITS.clearly
     if gain < max(least, LIMITS.clearly):
         return False
     fitting.set_aside = apart
