@@ -247,6 +247,7 @@ def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # on a machine half as fast it takes three minutes
 def test_what_is_not_in_the_registry_is_described_and_not_named(tmp_path):
     """A stuck bit of the ADC: a mismatch far beyond chance, and no effect claimed."""
     path = recorded(tmp_path / 'stuck', 23, Applied('stuck_bit', 'master', {'bit': 4, 'value': 1}))

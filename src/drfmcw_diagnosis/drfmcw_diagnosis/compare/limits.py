@@ -109,6 +109,10 @@ class ScatterLimits:
     course: int = 3
     """Degree of a polynomial that follows a slow movement within a group; chosen."""
 
+    of_course: float = 32.0
+    """Its steps over the noise, times the number of sweeps to the power of 3/2 [1], from which on it is a movement;
+    chosen: twice what the fit makes of white noise."""
+
     coherent: float = 0.5
     """Length of the mean phasor of a group's sweeps [1], beyond which their phases count as one; chosen."""
 

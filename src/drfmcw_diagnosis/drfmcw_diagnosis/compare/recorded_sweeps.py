@@ -201,7 +201,7 @@ class RecordedSweeps:
         fast = np.mean(np.diff(error) ** 2) - 2.0 * noise**2 > max(SCATTER.beyond_noise * 2.0 * noise**2, least**2)
         place = np.linspace(-1.0, 1.0, len(error))
         slow = np.diff(legval(place, legfit(place, error, SCATTER.course)))
-        return not fast and float(np.mean(slow**2)) < max(SCATTER.beyond_noise * noise / len(error), least) ** 2
+        return not fast and float(np.mean(slow**2)) < max(SCATTER.of_course * noise / len(error) ** 1.5, least) ** 2
 
     def _expected_lines(self, group: int) -> np.ndarray:
         """Return where the nominal model has a group's lines (S,) [Hz]."""
