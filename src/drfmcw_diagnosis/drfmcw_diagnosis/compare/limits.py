@@ -194,6 +194,9 @@ class SweepLimits:
     standing: float = 4.0
     """Standard deviations of the reference's slope within which a group stands; chosen."""
 
+    standing_among_drives: float = 2.0
+    """The same where other groups do not stand; chosen."""
+
 
 @dataclasses.dataclass(frozen=True)
 class SimulationLimits:

@@ -91,7 +91,10 @@ class RecordedSweeps:
             for m in self.members
         ]
         self.reference_noise = np.sqrt(np.array(variance) / [len(m) for m in self.members])
-        self.standing = np.abs(self.slope) < SWEEPS.standing * np.where(known, self.slope_std, np.inf)
+        speed = np.abs(self.slope) / np.where(known, self.slope_std, np.inf)
+        self.standing = speed < SWEEPS.standing
+        if not self.standing.all():  # a crane that drives also starts and stops
+            self.standing &= speed < SWEEPS.standing_among_drives
         self.counted = np.array([s and self._is_counted(g) for g, s in enumerate(self.standing)])
         self.bands = NoiseBands(data.sweeps[0][0].sample_rate, self.parts[0].extract.window_power)
 
