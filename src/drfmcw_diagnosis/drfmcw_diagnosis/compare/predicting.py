@@ -297,11 +297,10 @@ class Predictor:
         if first not in self._steady:
             self._steady[first] = self._among_noise(part, ())
         (uneven, bands), (even, plain) = self._among_noise(part, effects), self._steady[first]
-        # bursts know no distance, and all groups together hold enough of them
-        return Bursts(np.tile(uneven - even, (len(bands), 1, 1)), np.nan_to_num(bands - plain))
+        return Bursts(uneven - even, np.nan_to_num(bands - plain))
 
     def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the unevenness of all noisy sweeps (S, 3), and the noise in bands between bursts (G, S, N) [dB]."""
+        """Return the unevenness (G, S, 3) and the noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
         copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
         features = self.simulated.jittered(part, effects, True, copies, quiet=True)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))

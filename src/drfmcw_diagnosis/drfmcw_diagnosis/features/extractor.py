@@ -500,14 +500,25 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pooled_unevenness(groups: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the `unevenness` (S, 3) of several groups' sweeps together, each over its own group's median.
+    """Return the `unevenness` (G, S, 3) that each group would have with the bursts of all groups' sweeps.
 
-    A few sweeps hold no burst by chance, which the logarithm would weigh too much.
+    A few sweeps hold no burst by chance, which the logarithm would weigh too much. A burst has its power whatever the
+    noise of a group; the noise between bursts counts over its own median.
     """
-    squares, louds = zip(*map(_over_median, groups), strict=True)
-    loud = np.concatenate(louds)
-    shares = np.mean(loud.any(axis=2), axis=0), np.mean(loud, axis=(0, 2))
-    return np.stack([np.log(np.concatenate(squares).mean(axis=0)), *shares], axis=1)
+    medians = np.array([np.median(quiet, axis=(0, 2)) for quiet in groups])
+    own = np.repeat(medians, [len(quiet) for quiet in groups], axis=0)[:, :, None]
+    power = np.concatenate(groups)
+    over = power / own
+    loud = over > SPECTRUM.burst
+    result = np.empty((*medians.shape, 3))
+    for group, median in enumerate(medians):
+        here = np.where(loud, 1.0 + (power - own) / median[:, None], over)
+        square = np.mean(here**2, axis=2)
+        still_loud = here > SPECTRUM.burst
+        result[group, :, 0] = np.log(square.mean(axis=0) / np.median(square, axis=0))
+        result[group, :, 1] = np.mean(still_loud.any(axis=2), axis=0)
+        result[group, :, 2] = np.mean(still_loud, axis=(0, 2))
+    return result
 
 
 def _over_median(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
