@@ -281,7 +281,7 @@ class RangeFusion:
         standing_range = (path.delay - hardware_delay) * velocity_of_light
         range_std = path.std * velocity_of_light
         flags = self._flags(first, second, stamp) | (Flag.STALE_ENVIRONMENT if stale_environment else Flag.VALID)
-        rate = doppler_range_rate(path, first.sweep.chirp_rate)
+        rate = doppler_range_rate(path.center_frequency, first.sweep.chirp_rate, path.center_time)
         correlated_std = 0.0
         if first.calibration.states_uncertainty and second.calibration.states_uncertainty:
             correlated_std = contributions(first, second, path, weather, self.settings.atmosphere).total

@@ -47,13 +47,18 @@ STANDING = Motion(math.nan, 0.0)  # nothing to correct, nothing estimated
 UNKNOWN = Motion(math.nan, math.nan, confirmed=False)
 
 
-def doppler_range_rate(path: PathDelay, chirp_rate: float) -> float:
+def doppler_range_rate(center_frequency: float, chirp_rate: float, center_time: float) -> float:
     """Return by how much the measured range exceeds that at the sweep's start, per velocity [m per m/s].
 
     The line is shifted by the Doppler frequency at the window's centre, f_c v / c, which reads as f_c v / k of range;
     and the crane has moved by v t_c until then.
+
+    Args:
+        center_frequency: of the sweep at the window's centre, f_c [Hz].
+        chirp_rate: k [Hz/s].
+        center_time: of the window after the sweep's start, t_c [s].
     """
-    return path.center_frequency / chirp_rate + path.center_time
+    return center_frequency / chirp_rate + center_time
 
 
 class _Point(NamedTuple):

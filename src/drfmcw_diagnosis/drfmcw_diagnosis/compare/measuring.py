@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..features.extractor import local_noise, median_of_mean, quiet_power, ramp_spectrum
+from ..features.extractor import local_noise, median_of_mean, ramp_spectrum
 from .known import Known
 from .recorded_sweeps import RecordedSweeps
 
@@ -41,14 +41,9 @@ class Evidence:
         return [ramp_spectrum(s.ramp) for s in self.recorded.sweeps]
 
     @functools.cached_property
-    def spectra(self) -> list[np.ndarray]:
-        """Mean power of each group's sweeps without bursts (S, B) [LSB^2]."""
-        return [quiet_power(s.quiet, s.power)[0] for s in self.recorded.sweeps]
-
-    @functools.cached_property
     def around(self) -> np.ndarray:
         """Noise around each bin of the spectra (G, S, B) [LSB^2]."""
-        pairs = zip(self.spectra, self.recorded.quiet_counts, strict=True)
+        pairs = zip(self.recorded.spectra, self.recorded.quiet_counts, strict=True)
         return np.stack([local_noise(power) / median_of_mean(count)[:, None] for power, count in pairs])
 
     @functools.cached_property
@@ -57,7 +52,7 @@ class Evidence:
         r = self.recorded
         found = [
             r.bands.measured(power, sweeps.line.mean(axis=0), count)
-            for power, sweeps, count in zip(self.spectra, r.sweeps, r.quiet_counts, strict=True)
+            for power, sweeps, count in zip(self.recorded.spectra, r.sweeps, r.quiet_counts, strict=True)
         ]
         return np.stack([noise for noise, _ in found]), np.stack([std for _, std in found])
 
@@ -71,8 +66,7 @@ class Evidence:
     @functools.cached_property
     def range_errors(self) -> list[np.ndarray]:
         """Ranges less the reference's, of each group's sweeps (n,) [m]."""
-        r = self.recorded
-        return [s.range - r.data.distance[m] for s, m in zip(r.sweeps, r.members, strict=True)]
+        return [self.recorded.range_error(g) for g in range(len(self.counts))]
 
     def by_group(self, measure: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         """Return what `measure` finds of each group's number, values and standard deviations, stacked."""

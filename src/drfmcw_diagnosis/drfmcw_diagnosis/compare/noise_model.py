@@ -10,7 +10,6 @@ from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
-from ..features.extractor import quiet_power
 from ..features.limits import SIDEBANDS, SPECTRUM
 from .groups import Part
 from .limits import MODEL, SIMULATION
@@ -53,9 +52,7 @@ class NoiseModel:
             # of a line of unit power, summed over its bins
             summed = np.array(part.extract.window_power) * 2.0 * (self._bins - 1)
             for group in part.groups:
-                sweeps = recorded.sweeps[group]
-                mean, _ = quiet_power(sweeps.quiet, sweeps.power)
-                for station, power in enumerate(mean):
+                for station, power in enumerate(recorded.spectra[group]):
                     at = round(self._lines[group, station] / width)
                     reach = SPECTRUM.line
                     low, high = max(at - reach, 0), min(at + reach + 1, self._bins)

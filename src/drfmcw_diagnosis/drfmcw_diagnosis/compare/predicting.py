@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from drfmcw_fusion.tracking import doppler_range_rate
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
 from drfmcw_sim.measurements import Measurements
 
-from ..features.extractor import SweepFeatures, local_noise, pooled_unevenness, quiet_power, ramp_spectrum
+from ..features.extractor import SweepFeatures, local_noise, mean_power, pooled_unevenness, quiet_sweeps, ramp_spectrum
 from .groups import Part, acted
 from .limits import SIMULATION
 from .noise_model import NoiseModel
@@ -305,7 +306,7 @@ class Predictor:
         features = self.simulated.jittered(part, effects, True, copies, quiet=True)
         quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
         line = features.line.reshape(copies, count, -1).mean(axis=0)
-        spectra = [quiet_power(q, p) for p, q in zip(power, quiet, strict=True)]
+        spectra = [mean_power(p, quiet_sweeps(q, p)) for p, q in zip(power, quiet, strict=True)]
         bands = [self.recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
         return pooled_unevenness(list(quiet)), np.array(bands)
 
@@ -361,7 +362,7 @@ class Predictor:
         way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
         creep = (self.velocity(part.all, effects) - part.all.velocity) * part.all.time
         sweep = part.extract.sweeps[0]
-        doppler = sweep.center_frequency / sweep.chirp_rate + 0.5 * sweep.ramp_duration  # of the range [s]
+        doppler = doppler_range_rate(sweep.center_frequency, sweep.chirp_rate, 0.5 * sweep.ramp_duration)
         shifted = way + doppler * (moved.velocity - part.all.velocity)
         ways = []
         for group, local in zip(part.groups, part.local, strict=True):

@@ -11,7 +11,7 @@ from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
-from ..features.extractor import Extractor, SweepFeatures, as_complex, quiet_sweeps
+from ..features.extractor import Extractor, SweepFeatures, as_complex, mean_power
 from ..features.limits import SPECTRUM
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
@@ -126,7 +126,17 @@ class RecordedSweeps:
     @functools.cached_property
     def quiet_counts(self) -> np.ndarray:
         """Number of each group's sweeps without a burst (G, S)."""
-        return np.array([quiet_sweeps(s.quiet, s.power).sum(axis=0) for s in self.sweeps])
+        return np.array([s.free.sum(axis=0) for s in self.sweeps])
+
+    @functools.cached_property
+    def spectra(self) -> list[np.ndarray]:
+        """Mean power of each group's sweeps without bursts (S, B) [LSB^2]."""
+        return [mean_power(s.power, s.free)[0] for s in self.sweeps]
+
+    def range_error(self, group: int) -> np.ndarray:
+        """Return ranges less the reference's of a group's sweeps (n,) [m]."""
+        error: np.ndarray = self.sweeps[group].range - self.data.distance[self.members[group]]
+        return error
 
     @functools.cached_property
     def beside_lines(self) -> np.ndarray:
@@ -183,7 +193,7 @@ class RecordedSweeps:
         lines = np.concatenate([sweeps.line, self._expected_lines(group)[None]])
         clear = np.all((lines > SWEEPS.nearest_line) & (lines < rate / 2 - SWEEPS.nearest_line), axis=1)
         clear = clear[:-1] & clear[-1]
-        error = sweeps.range - self.data.distance[self.members[group]]
+        error = self.range_error(group)
         error = np.abs(error - np.median(error))
         clear &= error < max(SWEEPS.astray, SWEEPS.astray_spreads * float(np.median(error)))
         apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
@@ -195,8 +205,7 @@ class RecordedSweeps:
 
         One that sways may pass wavelengths from sweep to sweep. The ranges show it, beyond the noise in their bends.
         """
-        sweeps = self.sweeps[group]
-        error = sweeps.range - self.data.distance[self.members[group]]
+        error = self.range_error(group)
         way = np.pi * abs(self.parts[0].extract.way_per_phase)
         if len(error) < SCATTER.wander_sweeps or not way or not np.isfinite(error).all():
             return True

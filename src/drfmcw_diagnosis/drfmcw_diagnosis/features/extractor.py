@@ -25,6 +25,7 @@ phase. Where it hears itself, most of its oscillator's noise cancels because the
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import overload
 
@@ -69,6 +70,11 @@ class SweepFeatures:
     # phase from which a movement follows: sum of both, or that of a station that hears itself (n,) or (n, 0) [rad]
     carrier: np.ndarray
     phase_std: np.ndarray  # (n,) or (n, 0) of it, by additive noise and mirror lines [rad]
+
+    @functools.cached_property
+    def free(self) -> np.ndarray:
+        """Which sweeps hold no burst (n, S), see `quiet_sweeps`."""
+        return quiet_sweeps(self.quiet, self.power)
 
 
 class Extractor:
@@ -216,7 +222,7 @@ class Extractor:
         phases = (total + difference) / np.sqrt(2.0), self.sign * (total - difference) / np.sqrt(2.0)
         chirp = np.array([np.polyfit(time, phase, 2)[0] / np.pi for phase in phases])
         later = self.sweeps[0].start_delay + (sweeps.beat - sweeps.beat.mean()) / self.beat_per_start_delay
-        quiet = np.all(quiet_sweeps(sweeps.quiet, sweeps.power), axis=1)
+        quiet: np.ndarray = np.all(sweeps.free, axis=1)
         if quiet.sum() < SIDEBANDS.quiet:
             quiet[:] = True
         samples = tuple(x[quiet] for x in samples)
@@ -465,9 +471,8 @@ def quiet_sweeps(quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
     return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
 
 
-def quiet_power(quiet: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (mean spectra of the sweeps without bursts (S, B), their number (S,)); arguments as of `quiet_sweeps`."""
-    chosen = quiet_sweeps(quiet, power)
+def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)); `power` (n, S, B), `chosen` (n, S)."""
     count = chosen.sum(axis=0)
     return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
 
@@ -482,20 +487,18 @@ def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         quiet: power of n sweeps in spans (n, S, T).
     """
     n, _, spans = quiet.shape
-    square, loud = _over_median(quiet)
-    spread = 1.4826 * np.median(np.abs(square - 1.0), axis=0)  # of normal noise
+    square, values = _spread(quiet / np.median(quiet, axis=(0, 2), keepdims=True))
+    middle = np.median(square, axis=0)
+    spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
     least = 2.0 / np.sqrt(SPECTRUM.span * spans)  # of white noise in I and Q, the evenest there is
-    share, sweeps = np.mean(loud, axis=(0, 2)), np.mean(loud.any(axis=2), axis=0)
-    return (
-        np.stack([np.log(square.mean(axis=0)), sweeps, share], axis=1),
-        np.stack(
-            [
-                np.maximum(spread, least) / np.sqrt(n),  # of mean less median
-                np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
-                np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
-            ],
-            axis=1,
-        ),
+    _, sweeps, share = values.T
+    return values, np.stack(
+        [
+            np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
+            np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
+            np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
+        ],
+        axis=1,
     )
 
 
@@ -510,22 +513,19 @@ def pooled_unevenness(groups: Sequence[np.ndarray]) -> np.ndarray:
     power = np.concatenate(groups)
     over = power / own
     loud = over > SPECTRUM.burst
-    result = np.empty((*medians.shape, 3))
-    for group, median in enumerate(medians):
-        here = np.where(loud, 1.0 + (power - own) / median[:, None], over)
-        square = np.mean(here**2, axis=2)
-        still_loud = here > SPECTRUM.burst
-        result[group, :, 0] = np.log(square.mean(axis=0) / np.median(square, axis=0))
-        result[group, :, 1] = np.mean(still_loud.any(axis=2), axis=0)
-        result[group, :, 2] = np.mean(still_loud, axis=(0, 2))
-    return result
+    here = (np.where(loud, 1.0 + (power - own) / median[:, None], over) for median in medians)
+    return np.stack([_spread(x)[1] for x in here])
 
 
-def _over_median(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each sweep's mean square of spans over the median of all (n, S), and which spans are loud (n, S, T)."""
-    over = quiet / np.median(quiet, axis=(0, 2), keepdims=True)
-    square = np.mean(over**2, axis=2)
-    return square / np.median(square, axis=0), over > SPECTRUM.burst
+def _spread(over: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return each sweep's mean square of its spans (n, S), and how uneven they are, see `unevenness` (S, 3).
+
+    Args:
+        over: power in spans over the usual one (n, S, T).
+    """
+    square, loud = np.mean(over**2, axis=2), over > SPECTRUM.burst
+    shares = np.mean(loud.any(axis=2), axis=0), np.mean(loud, axis=(0, 2))
+    return square, np.stack([np.log(square.mean(axis=0) / np.median(square, axis=0)), *shares], axis=1)
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

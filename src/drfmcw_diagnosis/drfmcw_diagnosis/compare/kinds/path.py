@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 from scipy.ndimage import median_filter
 
-from ...features.extractor import SweepFeatures, quiet_sweeps
+from ...features.extractor import SweepFeatures
 from ...recording.grouping import noise_by_bends
 from ..groups import pooled
 from ..limits import MODEL, SCATTER
@@ -172,7 +172,7 @@ def _undisturbed(sweeps: SweepFeatures) -> np.ndarray:
 
     Where there are bursts, one may also lie where the spectrum's window ends: the phase alone shows it.
     """
-    quiet: np.ndarray = np.all(quiet_sweeps(sweeps.quiet, sweeps.power), axis=1)
+    quiet: np.ndarray = np.all(sweeps.free, axis=1)
     if quiet.all() or quiet.sum() < SCATTER.wander_sweeps:
         return np.ones(len(quiet), bool)
     phase = np.unwrap(sweeps.carrier[quiet])

@@ -24,7 +24,7 @@ class Lines(Kind):
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return mean spectra of sweeps without bursts over the noise around, and that noise."""
-        return np.stack(evidence.spectra) / evidence.around, evidence.around
+        return np.stack(evidence.recorded.spectra) / evidence.around, evidence.around
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return what simulated sweeps add to the power, over the measured noise around."""
