@@ -28,6 +28,7 @@ from .finding.result import (
 )
 from .finding.views import learnt_series, locations, misfit_map, remainder, separability, series
 from .finding.wording import sentences
+from .judging.verdict import Judgement, judged
 from .learn.learning import Learnt
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
@@ -39,7 +40,6 @@ from .search.fitting import Fitted, FittedEffect, Fitting
 from .search.leftovers import leftovers
 from .search.search import Search
 from .search.selection import searched
-from .search.verdict import Judgement, judged
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,18 +7,19 @@ from hypothesis import strategies as st
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.features.limits import SPECTRUM
+from drfmcw_diagnosis.judging.rivals import rivals, widened
+from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
 from drfmcw_diagnosis.search.leftovers import leftovers
-from drfmcw_diagnosis.search.rivals import rivals, widened
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
-from drfmcw_diagnosis.search.verdict import judged
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
-from drfmcw_proof.cases.draws import Extent, random_condition
+from drfmcw_proof.cases.draws import Extent, both_stations, random_condition
 from drfmcw_proof.generator.model import nominal
+from drfmcw_proof.generator.phase_noise import NoiseShape
 from drfmcw_proof.generator.recordings import write_recording
 from drfmcw_sim.effects import Effect
 
@@ -281,3 +282,29 @@ def test_a_lost_sample_is_no_clock_that_is_off(tmp_path):
     search = Search(comparison, without=others)
     judgement = judged(search, searched(search, 0.01), 0.01)
     assert judgement.verdict == 'unexplained'
+
+
+@pytest.mark.parametrize(
+    ('shape', 'effects', 'verdict', 'named'),
+    [
+        (NoiseShape('flank', 2e4), (), 'unexplained', set()),
+        (
+            NoiseShape(),
+            (Applied('frequency_modulation', 'slave', {'deviation': 120.0, 'rate': 2100.0}),),
+            'ambiguous',
+            {'frequency_modulation'},
+        ),
+    ],
+)
+def test_steep_noise_near_the_line_is_no_modulation(tmp_path, shape, effects, verdict, named):
+    """Both raise what changes slowly from sweep to sweep; only a modulation has one size in all sweeps.
+
+    In 120 sweeps the odds between them are above e^20 either way. Of which station it is remains open.
+    """
+    condition = both_stations(random_condition(np.random.default_rng(47), Extent(10, 12)), shape=shape)
+    write_recording(conceal(nominal(condition), effects), tmp_path / 'r')
+    others = set(Effect.registry) - {'frequency_modulation', 'phase_noise'}
+    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=others)
+    judgement = judged(search, searched(search, 0.01), 0.01)
+    assert judgement.verdict == verdict
+    assert {e.key[0] for e in (judgement.explanation.effects if judgement.explanation else ())} == named

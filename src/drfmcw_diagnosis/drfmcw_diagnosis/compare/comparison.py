@@ -185,6 +185,10 @@ class Comparison:
             found += [float(np.sqrt(np.mean(ramp**2, axis=-1)).max()), float(np.abs(level).max())]
         return max(found)
 
+    def quadratures(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return what cosine and sine of each random phase do to the ramp (E, 2, G, 2 S, K)."""
+        return self._model.quadratures(tuple(e for e in effects if not e.bursts))
+
     def changing(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return by how much the ramp with `effects` changes from sweep to sweep (G, 2 S, K), see `Predictor`."""
         return self._model.changing(tuple(effects))

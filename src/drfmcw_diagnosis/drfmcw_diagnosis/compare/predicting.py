@@ -268,6 +268,11 @@ class Predictor:
             result[part.groups[moving]] += (ramp.mean(axis=0) - self.plain(part).ramp)[moving] ** 2
         return result / self.std['flutter']
 
+    def quadratures(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return what cosine and sine of the phase of each effect that fluctuates do to the ramp (E, 2, G, 2 S, K)."""
+        found = [self.simulated.quadratures(part, effects) for part in self.recorded.parts]
+        return np.concatenate(found, axis=2)[:, :, self._group_order]
+
     def distortion(self, part: Part, effects: Sequence[Effect]) -> Distortion:
         """Return by how much distortion changes noise, harmonics and piles.
 

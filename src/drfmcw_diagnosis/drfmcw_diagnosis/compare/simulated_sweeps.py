@@ -48,22 +48,29 @@ class SimulatedSweeps:
             variance over all phases (G, 2 S, K), and independent standard deviations of the mean and of the variance
             of a group's sweeps, two of each effect that fluctuates (2 E, G, 2 S, K).
         """
+        counts = np.array([len(self._recorded.members[g]) for g in part.groups])[:, None, None]
+        waves = self.quadratures(part, effects)
+        of_mean = [wave / np.sqrt(2.0 * counts) for pair in waves for wave in pair]
+        of_variance = [
+            x / np.sqrt(8.0 * counts) for cosine, sine in waves for x in (cosine**2 - sine**2, 2.0 * cosine * sine)
+        ]
+        total = np.sum(waves**2, axis=(0, 1)) / 2.0
+        return total, np.array(of_mean), np.array(of_variance)
+
+    def quadratures(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return what cosine and sine of the phase of each effect that fluctuates do to the ramp (E, 2, G, 2 S, K)."""
         seen = _seen(effects)
         at_start = tuple(e.in_one_sweep(SIMULATION.turns[0]) for e in seen)
-        counts = np.array([len(self._recorded.members[g]) for g in part.groups])[:, None, None]
         turn = 2.0 * np.pi * np.array(SIMULATION.turns)
-        total = np.zeros_like(self._noise_free(part, at_start).ramp, dtype=float)
-        of_mean, of_variance = [], []
+        found = np.zeros((0, 2, *self._noise_free(part, at_start).ramp.shape))
         for number, effect in enumerate(seen):
             if effect.fluctuates:  # the phases of several are independent
                 before, after = at_start[:number], at_start[number + 1 :]
                 turned = [(*before, effect.in_one_sweep(t), *after) for t in SIMULATION.turns]
                 terms = np.array([ramp_spectrum(self._noise_free(part, each).ramp) for each in turned])
-                cosine, sine = (np.tensordot(wave(turn), terms, 1) * 2.0 / len(turn) for wave in (np.cos, np.sin))
-                total = total + (cosine**2 + sine**2) / 2.0
-                of_mean += [wave / np.sqrt(2.0 * counts) for wave in (cosine, sine)]
-                of_variance += [x / np.sqrt(8.0 * counts) for x in (cosine**2 - sine**2, 2.0 * cosine * sine)]
-        return total, np.array(of_mean), np.array(of_variance)
+                waves = [np.tensordot(wave(turn), terms, 1) * 2.0 / len(turn) for wave in (np.cos, np.sin)]
+                found = np.concatenate([found, np.array(waves)[None]])
+        return found
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:

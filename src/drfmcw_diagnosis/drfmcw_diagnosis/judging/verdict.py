@@ -4,12 +4,13 @@ import dataclasses
 
 import numpy as np
 
-from . import events
-from .fitting import Fitted
-from .leftovers import Leftover, leftovers
+from ..search import events
+from ..search.fitting import Fitted
+from ..search.leftovers import Leftover, leftovers
+from ..search.search import Search
+from ..search.selection import Found, forward, pruned
+from . import steadiness
 from .rivals import rivals, widened
-from .search import Search
-from .selection import Found, forward, pruned
 from .standing import standings
 
 
@@ -43,10 +44,10 @@ class Judgement:
 def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     """Return the verdict on a recording.
 
-    Effects that leave nothing beyond chance explain it, unless an event without a name explains as much as one of them.
-    A remainder far smaller than what they explain is reported and changes nothing, provided that every effect stands by
-    itself beside it, see `standing`: a small effect may imitate what a large one leaves. Beside a larger one only those
-    effects are named that stand.
+    Effects that leave nothing beyond chance explain it, unless an event without a name explains as much as one of them,
+    or a modulation scatters as noise does. A remainder far smaller than what they explain is reported and changes
+    nothing, provided that every effect stands by itself beside it, see `standing`: a small effect may imitate what a
+    large one leaves. Beside a larger one only those effects are named that stand.
 
     Args:
         search: of the recording.
@@ -121,7 +122,9 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        return not any(beyond < events.LIMITS.beaten for beyond in events.beyond_events(search, fitted))
+        as_event = any(beyond < events.LIMITS.beaten for beyond in events.beyond_events(search, fitted))
+        as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
+        return not (as_event or as_noise)
     if not all(_is_adequate(search, fitted, x) for x in left):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)

@@ -14,6 +14,8 @@ less certain than it would be without them.
 What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`. What
 is left beside an effect is what is left beside the events that are set aside as well.
 
+What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `steadiness`.
+
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
 a receiver's gain changes both.
 """
@@ -24,10 +26,12 @@ import numpy as np
 from scipy import stats
 
 from ..compare.algebra import scaled_inverse
-from .events import LIMITS as EVENTS
-from .events import beyond_events
-from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
-from .leftovers import Leftover, leftovers
+from ..search.events import LIMITS as EVENTS
+from ..search.events import beyond_events
+from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
+from ..search.leftovers import Leftover, leftovers
+from .steadiness import LIMITS as STEADINESS
+from .steadiness import odds_of_one_size
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +73,7 @@ class Standing:
     unexplained: float = 0.0  # of effects that the noise alone shows
     inflated: float = 1.0  # likewise
     beyond_event: float = np.inf  # of effects that show over the sweep alone
+    one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
 
     @property
     def stands(self) -> bool:
@@ -84,12 +89,18 @@ class Standing:
             and self.unexplained < LIMITS.unexplained
             and self.inflated < LIMITS.inflated
             and not self.is_event
+            and not self.is_noise
         )
 
     @property
     def is_event(self) -> bool:
         """True where a step or a bump within the sweep explains more than the effect."""
         return self.beyond_event < EVENTS.beaten
+
+    @property
+    def is_noise(self) -> bool:
+        """True where its size scatters from sweep to sweep as that of noise."""
+        return self.one_size < STEADINESS.unlikely
 
 
 def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
@@ -109,7 +120,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     significant = [x for x in leftovers(fitting, fitted, derivatives, apart=True) if x.probability < LIMITS.left_over]
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
-    beyond = beyond_events(fitting, fitted)
+    beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -135,6 +146,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], as_it_is(residual), as_it_is(alone)),
                 inflated=inflations[number],
                 beyond_event=beyond[number],
+                one_size=one_size[number],
             )
         )
     return found
