@@ -21,7 +21,7 @@ from drfmcw_physics.history import History
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import range_bias
-from drfmcw_physics.phase_noise import PhaseNoise, combination_gain, variance_after_delay
+from drfmcw_physics.phase_noise import PhaseNoise, around_line, combination_gain, variance_after_delay, variance_within
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
 
 NOISE = PhaseNoise(-90.0, 200e3)
@@ -130,6 +130,27 @@ def test_variance_of_a_phase_is_the_integral_of_its_density(delay):
     assert np.sum(density) * 100.0 == pytest.approx(NOISE.variance, rel=1e-3)
     mixed = np.sum(density * combination_gain(offset, delay)) * 100.0
     assert mixed == pytest.approx(variance_after_delay(NOISE, delay), rel=1e-2)
+
+
+@pytest.mark.parametrize('length', [1e-7, 9e-6, 1e-3])
+def test_variance_within_a_stretch_is_what_its_mean_does_not_follow(length):
+    """Of the exponential covariance in closed form; mixed with itself after a long delay, twice as much."""
+    turns = 2.0 * math.pi * NOISE.corner * length
+    followed = 2.0 * (turns + math.expm1(-turns)) / turns**2
+    assert variance_within(NOISE, length) == pytest.approx(NOISE.variance * (1.0 - followed), rel=2e-3)
+    mixed = variance_within(NOISE, length, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(mixed, [0.0, 2.0 * variance_within(NOISE, length)], rtol=1e-6, atol=1e-12)
+
+
+def test_skirts_of_strong_phase_noise_hold_all_power_that_the_line_lost():
+    """The line keeps exp(-variance) of its power; far from it, the skirts are those of all of its power."""
+    noisy = (PhaseNoise(-66.0, 120e3), PhaseNoise(-75.0, 60e3))
+    variance = sum(o.variance for o in noisy)
+    offset = (np.arange(4_000_000) + 0.5) * 100.0
+    held = 2.0 * np.sum(around_line(noisy, offset)) * 100.0
+    assert held == pytest.approx(math.expm1(variance), rel=2e-3)
+    phase = sum(o.single_sideband(1e7) for o in noisy)
+    assert around_line(noisy, 1e7) == pytest.approx(phase * math.exp(variance), rel=5e-3)
 
 
 def test_synchronised_single_station_suffers_from_its_phase_noise():

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drfmcw_node.estimators.noise import QUANTISATION
-from drfmcw_physics.phase_noise import PhaseNoise, coherent_loss, combination_gain, variance_after_delay
+from drfmcw_physics.phase_noise import PhaseNoise, around_line, coherent_loss, combination_gain, variance_within
 from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
 
@@ -83,9 +83,11 @@ class NoiseModel:
         offsets = np.stack([np.abs(centre - own), np.minimum(centre + own, rate - centre - own)])
         if not self._topology.has_mirror:  # all of the line at one frequency
             offsets = np.minimum(offsets[:1], rate - offsets[:1])
-        density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
         if self._topology.hears_itself:  # the oscillator meets itself, a delay later
+            density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
             density = density * combination_gain(offsets, state.paths[0].delay[:, None, None])
+        else:
+            density = around_line(oscillators, offsets)
         passed = np.array([np.abs(passes(centre)) ** 2 for passes in filters])
         # the line's own power has passed the filters already
         ahead = np.stack([np.abs(passes(at)) ** 2 for passes, at in zip(filters, line.T, strict=True)], axis=1)
@@ -111,12 +113,15 @@ class NoiseModel:
     def loss(self, part: Part, state: Measurements) -> np.ndarray:
         """Return by how much phase noise lowers the power of each group's lines (G, 1) [dB].
 
+        The level is that of the blocks of a sweep, which slower noise turns as a whole.
+
         Args:
             part: groups of one setting.
             state: their conditions after effects.
         """
         delay, own = state.paths[0].delay, self._topology.hears_itself
-        variances = (variance_after_delay(o, delay) if own else o.variance for o in _oscillators(state))
+        length = part.extract.estimator.block / part.extract.sweeps[0].sample_rate
+        variances = (variance_within(o, length, delay if own else None) for o in _oscillators(state))
         loss: np.ndarray = coherent_loss(sum(variances, np.zeros(len(part.groups))))[:, None]
         return loss
 
