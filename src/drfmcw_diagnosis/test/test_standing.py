@@ -21,7 +21,7 @@ from drfmcw_diagnosis.search.events import beyond_events
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.whitening import Whitening
-from drfmcw_physics.phase_noise import PhaseNoise
+from drfmcw_physics.phase_noise import PhaseNoise, variance_within
 from drfmcw_sim.effects import Effect
 
 
@@ -118,11 +118,14 @@ def test_what_every_distance_has_of_its_own_is_confirmed_by_several_kinds_of_num
 
 
 def test_phase_noise_takes_power_from_the_line(data):
-    """What noisier oscillators add to the skirts is missing in both lines, as if the path lost it."""
+    """What noisier oscillators change within a block is missing in both lines, as if the path lost it."""
     comparison = Comparison(data)
     noisy = PhaseNoise(-72.0, 2e5)
     known = [PhaseNoise(c.phase_noise_level, c.phase_noise_corner) for c in data.calibration]
-    loss = 10.0 / np.log(10.0) * (2.0 * noisy.variance - sum(k.variance for k in known))
+    extract = comparison.parts[0].extract
+    block = extract.estimator.block / extract.sweeps[0].sample_rate
+    added = 2.0 * variance_within(noisy, block) - sum(variance_within(k, block) for k in known)
+    loss = 10.0 / np.log(10.0) * added
     amplitude = comparison.entries.where(kind='amplitude')
     by_noise, by_path = (
         comparison.template([effect])[amplitude]

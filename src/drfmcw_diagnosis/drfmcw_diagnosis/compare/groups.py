@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.measurements import Measurements
@@ -121,8 +122,22 @@ def pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> 
     freedom = np.array([len(v) - 1 for v in values])[:, None]
     own = np.array([v.var(axis=0, ddof=1) for v in values])
     shape = np.ones((len(values), 1)) if expected is None else expected[:, None]
-    common = (freedom * own).sum(axis=0) / (freedom * shape).sum(axis=0) * shape
-    return np.sqrt((freedom * own + SCATTER.pool * common) / (freedom + SCATTER.pool))
+    # a group in which something disturbs the line scatters by more than chance, and says nothing of the others
+    ratio = own / shape
+    disturbed = ratio > np.median(ratio, axis=0) * stats.f.isf(SCATTER.disturbed, freedom, freedom.sum())
+    alike = np.where(disturbed, 0, freedom)
+    common = (alike * own).sum(axis=0) / np.maximum((alike * shape).sum(axis=0), 1e-300) * shape
+    drawn = (freedom * own + SCATTER.pool * common) / (freedom + SCATTER.pool)
+    return np.sqrt(np.where(disturbed, own * variance_factor(freedom), drawn))
+
+
+def variance_factor(freedom: np.ndarray | int) -> np.ndarray:
+    """Return by what to widen a variance with few degrees of freedom, so that squares over it are 1 on average.
+
+    Values over it follow Student's t.
+    """
+    factor: np.ndarray = freedom / np.maximum(freedom - 2.0, 1.0)
+    return factor
 
 
 def steady(m: Measurements, local: Sequence[np.ndarray]) -> Measurements:

@@ -95,6 +95,9 @@ class ScatterLimits:
     pool: float = 30.0
     """Sweeps for which the scatter in all groups counts in each group; chosen."""
 
+    disturbed: float = 1e-6
+    """Chance of a group's scatter over that of the median one, below which it is the group's own [1]; chosen."""
+
     turned: float = 5.0
     """Departure of a sweep's phase from its neighbours' over the usual one [1], from which on a burst has turned it;
     chosen."""
@@ -206,6 +209,10 @@ class SimulationLimits:
     """Sweeps simulated per group where an effect distorts the IF or the crane sways, evenly over half a turn; derived:
     a prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
     where the line is near a quarter of the sampling rate."""
+
+    turning: float = 0.02
+    """Turn of a second path's phase within a driving group, from which on sweeps are simulated all along its way [1];
+    chosen."""
 
     bursting: int = 12
     """Sweeps simulated per group, at most, where an effect comes and goes; chosen."""

@@ -72,12 +72,3 @@ class Evidence:
         """Return what `measure` finds of each group's number, values and standard deviations, stacked."""
         found = [measure(g) for g in range(len(self.counts))]
         return np.stack([value for value, _ in found]), np.stack([std for _, std in found])
-
-
-def variance_factor(freedom: np.ndarray | int) -> np.ndarray:
-    """Return by what to widen a variance with few degrees of freedom, so that squares over it are 1 on average.
-
-    Values over it follow Student's t.
-    """
-    factor: np.ndarray = freedom / np.maximum(freedom - 2.0, 1.0)
-    return factor

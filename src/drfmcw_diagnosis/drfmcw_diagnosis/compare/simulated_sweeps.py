@@ -77,17 +77,36 @@ class SimulatedSweeps:
         distorting = any(effect.distorts for effect in effects)
         swaying = any(effect.motion is Motion.SWAY for effect in effects)
         added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
-        copies = SIMULATION.distorted if distorting or swaying else 4 if added else 2
+        way = self._way(part, effects)
+        copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
         turns = 1.0 if added else 0.5
-        each, moved = self.copies(part, effects, copies, swaying, not effects, turns)
+        each, moved = self.copies(part, effects, copies, swaying, not effects, turns, way)
         features = _mean(each, copies)
         if np.any(moved):
-            way = moved * SPEED_OF_LIGHT / part.steady.refractive_index
-            features = dataclasses.replace(features, range=features.range - way)
+            farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
+            features = dataclasses.replace(features, range=features.range - farther)
         if distorting:
             jittered = _mean(self.jittered(part, effects, False, copies), copies)
             features = dataclasses.replace(features, power=jittered.power)
         return features
+
+    def _way(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
+        """Return the way of each group's drive (G,) [m], None unless a second path's phase turns within a group.
+
+        A reflection's excess delay follows the distance; what it adds to a driving group is the mean over its way.
+        """
+        groups = part.groups
+        slope = np.where(self._recorded.standing, 0.0, self._recorded.slope)[groups]
+        way = slope * np.array([np.ptp(self._recorded.data.time[self._recorded.members[g]]) for g in groups])
+        excess = []
+        for place in (-0.5, 0.5):
+            state = part.steady.rows(slice(None))
+            _move(state, place * way)
+            for effect in sorted(effects, key=lambda e: e.stage):
+                effect.prepare(state)
+            excess.append(np.array([path.delay - state.paths[0].delay for path in state.paths[1:]]))
+        carrier = part.extract.sweeps[0].center_frequency
+        return way if np.any(np.abs(excess[1] - excess[0]) * carrier > SIMULATION.turning) else None
 
     def copies(
         self,
@@ -97,16 +116,22 @@ class SimulatedSweeps:
         swaying: bool = False,
         harmonic: bool = False,
         turns: float = 0.5,
+        way: np.ndarray | None = None,
     ) -> tuple[SweepFeatures, np.ndarray]:
-        """Return features of sweeps, their phases evenly over so many turns, and the delay that `align` added (G,)."""
+        """Return features of sweeps, their phases evenly over so many turns, and the delay that `align` added (G,).
+
+        Those of a drive lie evenly over its way, if that is given (G,) [m].
+        """
         count = len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
         if swaying:  # a group's mean is that over its time, in which a crane may swing far
             rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
+        if way is not None:
+            _move(rows, (((np.arange(copies) + 0.5) / copies - 0.5)[:, None] * way).ravel())
         moved = align(part, rows, copies, self._recorded.sweeps, effects)
         # copies of a station that hears itself differ in their delays
-        alike = 1 if swaying or self._recorded.topology.hears_itself else copies
+        alike = 1 if swaying or way is not None or self._recorded.topology.hears_itself else copies
         return self._features(part, rows, effects, harmonic=harmonic, copies=alike), moved
 
     def jittered(
@@ -172,6 +197,12 @@ class SimulatedSweeps:
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return T_off minus the group's mean, of `count` of its sweeps [s]."""
         return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
+
+
+def _move(m: Measurements, way: np.ndarray) -> None:
+    """Move each measurement's target farther (n,) [m]."""
+    m.range += way
+    m.paths[0].delay += way * m.refractive_index / SPEED_OF_LIGHT
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:

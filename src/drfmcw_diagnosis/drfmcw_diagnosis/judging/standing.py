@@ -52,6 +52,7 @@ class StandingLimits:
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
+    determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
@@ -116,7 +117,13 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
     converters = _of_uneven_converters(fitting)
-    changes = {name: _without_each(rest, slopes, parts)[parts] for name, parts in (('group', groups), ('kind', kinds))}
+    least = np.full(len(slopes), LIMITS.determined)
+    for effect, own in zip(fitted.effects, fitted.spans, strict=True):
+        if effect.candidate.recipe.per_group:
+            least[own] = LIMITS.determined_apart
+    changes = {
+        name: _without_each(rest, slopes, parts, least)[parts] for name, parts in (('group', groups), ('kind', kinds))
+    }
     significant = [x for x in leftovers(fitting, fitted, derivatives, apart=True) if x.probability < LIMITS.left_over]
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
@@ -250,17 +257,18 @@ def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:
     return float(by_part.max() / max(by_part.sum(), 1e-30))
 
 
-def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray) -> np.ndarray:
+def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return by how much the parameters change when each part is left out of the fit (parts, P), to first order.
 
-    Parameters that one part alone determines stay as they are without it.
+    Parameters that one part alone determines stay as they are without it: of which other parts have less than a share
+    of the information (P,).
     """
     normal = slopes @ slopes.T
     changes = np.zeros((parts.max() + 1, len(slopes)))
     for part in range(parts.max() + 1):
         inside = slopes[:, parts == part]
         left = normal - inside @ inside.T
-        kept = np.diag(left) > LIMITS.determined * np.diag(normal)
+        kept = np.diag(left) > least * np.diag(normal)
         inverse = scaled_inverse(left[np.ix_(kept, kept)])
         changes[part, kept] = -inverse @ (inside[kept] @ rest[parts == part])
     return changes

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 
 from ...features import adc_codes
+from ..groups import variance_factor
 from ..limits import MODEL, SCATTER
-from ..measuring import Evidence, variance_factor
+from ..measuring import Evidence
 from ..predicting import Expected
 from .kind import Kind, Measured, Trust
 

@@ -127,7 +127,8 @@ class Movement(Kind):
                 # from sweep to sweep a drive passes more wavelengths than the reference can count
                 turned = evidence.range_errors[g][quiet]
                 std = np.hypot(sweeps.range_std, np.nan_to_num(recorded.data.reference_std[rows]))
-                if recorded.standing[g]:
+                # what disturbs a line scatters from sweep to sweep, a drive does not
+                if recorded.standing[g] or len(turned) >= SCATTER.wander_sweeps:
                     std = np.maximum(std, noise_by_bends(turned))
                 compared = bool(known[g]) and by_phase
             moved = np.interp(np.arange(len(rows)), np.flatnonzero(quiet), turned)

@@ -7,8 +7,9 @@ from scipy.ndimage import maximum_filter1d
 
 from ...features.extractor import gaussian
 from ...features.limits import SPECTRUM
+from ..groups import variance_factor
 from ..limits import MODEL, SCATTER, SIMULATION
-from ..measuring import Evidence, variance_factor
+from ..measuring import Evidence
 from ..predicting import Expected
 from ..recorded_sweeps import RecordedSweeps
 from .explained import Explained
