@@ -25,8 +25,8 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
 
     def is_near(other: Fitted) -> bool:
         alike = other.misfit - fitted.misfit < SEARCH.rival and other.evidence > fitted.evidence - RIVALS.worse
-        # what fits as well by the noise elsewhere explains something else
-        return alike and search.apart(other, fitted) < RIVALS.says_the_same
+        # what fits as well by the noise elsewhere explains something else, but nobody knows which if it fits better
+        return alike and (other.misfit <= fitted.misfit or search.apart(other, fitted) < RIVALS.says_the_same)
 
     single = [other for other in exchanged if other.keys != fitted.keys and is_near(other)]
     several = search.fits(_combined(fitted, single))
