@@ -143,7 +143,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
-        standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, free, testable)
+        standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
         found.append(
             dataclasses.replace(
                 standing,
@@ -301,6 +301,7 @@ def _standing(
     groups: np.ndarray,
     kinds: np.ndarray,
     clean: np.ndarray,
+    sound: np.ndarray,
     free: int,
     testable: bool,
 ) -> Standing:
@@ -314,6 +315,7 @@ def _standing(
         groups: number of each number's group.
         kinds: of its kind and station.
         clean: which numbers can be evidence.
+        sound: of which numbers no uneven ADC takes part.
         free: parameters of the effect.
         testable: whether more than one part shows the effect.
     """
@@ -322,8 +324,8 @@ def _standing(
     predicted = (left + added + moved_own) ** 2 - left**2
     total = max(float(gain.sum()), 1e-30)
     return Standing(
-        over_groups=_unevenness(rest, added, groups),
-        over_kinds=_unevenness(rest, added, kinds),
+        over_groups=_unevenness(rest[sound], added[sound], groups[sound]),
+        over_kinds=_unevenness(rest[sound], added[sound], kinds[sound]),
         predicted=float(predicted.sum()) / total,
         evidence=float(gain[clean].sum()) / total,
         probability=float(stats.chi2.sf(max(float(gain[clean].sum()), 0.0), free)),
