@@ -108,6 +108,7 @@ class _Event:
     tried: int  # shapes
     channels: Mapping[int, float]  # and their signs
     law: np.ndarray  # its size in each group (G,)
+    losing: int  # station with samples that loses some of them, -1 for none
 
 
 def left(fitting: Fitting, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:
@@ -190,7 +191,28 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
             shown = _as_shown(shape[None], channel in phases)
             size = factor * event.size * event.law * along
             result[number, c.rows(kind, channel)] = np.ravel(size[:, None] * shown / std)
-    return np.concatenate([result, _shifted_lines(fitting, event, phases)])
+    return np.concatenate([result, _shifted_lines(fitting, event, phases), _earlier_end(fitting, event, phases)])
+
+
+def _earlier_end(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np.ndarray:
+    """Return what a station that loses samples shows where its signal ends, each times its prior (k, n).
+
+    The last of the record holds no signal then: the end itself, and the last block of the sweep.
+    """
+    c = fitting.comparison
+    found: list[np.ndarray] = []
+    if event.losing < 0:
+        return np.zeros((0, len(c.residual)))
+    last = _as_shown(np.eye(len(event.shape))[-1:], of_phase=False)[0]
+    for channel in (event.losing, *phases):
+        row = np.zeros(len(c.residual))
+        size = event.size * event.law / c.std['ramp'][:, channel].T
+        row[c.rows(next(k for k in c.kinds if k.name == 'ramp'), channel)] = np.ravel(last * size.T)
+        found.append(row)
+    ends = next(k for k in c.kinds if k.name == 'ends')
+    row = np.zeros(len(c.residual))
+    row[c.rows(ends, event.losing)] = np.ravel(LIMITS.prior * np.array([0.0, 1.0]) / c.std['ends'][:, event.losing])
+    return np.array([*found, row])
 
 
 def _shifted_lines(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np.ndarray:
@@ -231,7 +253,7 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
     count = channels[0][1].shape[1]
     each, times, widths = _shapes(count)
     either = [_as_shown(each, of_phase) for of_phase in (False, True)]
-    for law in _laws(fitting):
+    for law, losing in _laws(fitting):
         for sign in signs:
             shapes = either[next(iter(sign)) in phases]
             remains, power = np.zeros(len(shapes)), np.zeros(len(shapes))
@@ -247,21 +269,29 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
             best = int(np.argmax(gains))
             size = float(remains[best] / max(own[best], 1e-30))
             yield _Event(
-                float(gains[best]), size, each[best], int(times[best]), float(widths[best]), len(each), sign, law
+                float(gains[best]),
+                size,
+                each[best],
+                int(times[best]),
+                float(widths[best]),
+                len(each),
+                sign,
+                law,
+                losing,
             )
 
 
-def _laws(fitting: Fitting) -> list[np.ndarray]:
+def _laws(fitting: Fitting) -> list[tuple[np.ndarray, int]]:
     """Return how large an event may be in each group (G,): alike, by the distance, by the frequency of a line.
 
-    The last is that of samples which a station loses: what follows comes too early.
+    The last is that of samples which a station loses: what follows comes too early. Its number comes with it, else -1.
     """
     r = fitting.comparison.recorded
-    laws = [np.ones_like(r.distance), r.distance / r.distance.mean()]
+    laws = [(np.ones_like(r.distance), -1), (r.distance / r.distance.mean(), -1)]
     for number, station in enumerate(r.heard):
         lines = np.array([sweeps.line[:, number].mean() for sweeps in r.sweeps])
         signs = np.array([r.data.sweeps[r.data.setting[rows[0]]][station].line_sign() for rows in r.members])
-        laws.append(signs * lines / lines.mean())
+        laws.append((signs * lines / lines.mean(), number))
     return laws
 
 
