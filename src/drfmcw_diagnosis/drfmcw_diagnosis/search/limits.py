@@ -221,6 +221,15 @@ class ScanLimits:
     reflections: int = 32
     """Starting points of a reflection [1]: the fringes of different heights resemble each other; chosen."""
 
+    highest: float = 1000.0
+    """Product of both antennas' heights above the ground, at most [m^2]; chosen."""
+
+    per_fringe: int = 8
+    """Products tried per fringe at the nearest distance [1]; chosen."""
+
+    heights: int = 30000
+    """Products tried, at most [1]; chosen."""
+
     longest: float = 500.0
     """Excess range of an echo, at most [m]; chosen."""
 

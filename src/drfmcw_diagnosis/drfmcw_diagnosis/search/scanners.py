@@ -25,8 +25,6 @@ from ..features.limits import SPECTRUM
 from .limits import SCAN
 
 _DECIBEL = 20.0 / math.log(10.0)  # of one neper
-_PRODUCTS = np.concatenate([np.arange(0.25, 100.0, 0.1), np.geomspace(100.0, 1000.0, 1000)])  # of two heights [m^2]
-
 
 Values = Sequence[float | tuple[float, ...]]
 """Values of a scanned parameter, or of several parameters together, best first."""
@@ -168,8 +166,12 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     """Return products of both antennas' heights above ground that reflects [m^2]."""
     phasors = _phasors(c, residual, False)
     distance = np.array([c.data.distance[m].mean() for m in c.members])
-    excess = np.sqrt(distance**2 + 4.0 * _PRODUCTS[:, None]) - distance  # (products, groups)
-    turn = np.exp(2j * math.pi * excess * c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT)
+    carrier = c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT
+    # the nearest distance has the closest fringes: one more turn per distance over twice the carrier's wavenumber
+    step = max(float(distance.min()) / (2.0 * carrier * SCAN.per_fringe), SCAN.highest / SCAN.heights)
+    products = np.arange(step, SCAN.highest, step)
+    excess = np.sqrt(distance**2 + 4.0 * products[:, None]) - distance  # (products, groups)
+    turn = np.exp(2j * math.pi * excess * carrier)
     cell = np.rint(excess * _per_metre(c) / phasors.frequency[0]).astype(int) - 1
     inside = (cell >= 0) & (cell < len(phasors.frequency))
     at = np.arange(len(distance)), cell.clip(0, len(phasors.frequency) - 1)
@@ -180,7 +182,7 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
     gained = correlation.sum(axis=1) + _DECIBEL * turn.real @ level.sum(axis=1)
     spent = power.sum(axis=1) + _DECIBEL**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
-    return tuple(float(_PRODUCTS[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections))
+    return tuple(float(products[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections))
 
 
 def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
