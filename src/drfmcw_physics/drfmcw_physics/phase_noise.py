@@ -14,7 +14,8 @@ LEVEL_OFFSET = 100e3
 """Offset at which StationCalibration states the level [Hz]."""
 
 _LAGS = 512  # at which a covariance is averaged
-_ORDERS = 3  # of phase noise in a line's skirts; the next one is below 0.2 % up to a variance of 0.3 rad^2
+_ORDERS = 10  # of phase noise in a line's skirts; the next one is below 1e-5 up to a variance of 2 rad^2
+_LEAST = 1e-6  # power of an order over that of the first one [1], below which it is left out
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,10 +61,13 @@ def around_line(oscillators: Sequence[PhaseNoise], offset: Quantity) -> Any:
     """
     offset = np.asarray(offset, dtype=float)
     found = np.zeros(offset.shape)
+    least = _LEAST * sum(o.variance for o in oscillators)
     for orders in itertools.product(range(_ORDERS + 1), repeat=len(oscillators)):
         if 0 < sum(orders) <= _ORDERS:
             pairs = list(zip(oscillators, orders, strict=True))
             power = math.prod(o.variance**n / math.factorial(n) for o, n in pairs)
+            if power < least:
+                continue
             corner = sum(o.corner * n for o, n in pairs)
             found += power / (math.pi * corner * (1.0 + (offset / corner) ** 2))
     return found

@@ -201,7 +201,8 @@ def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray
     c = fitting.comparison
     total = max(float(added @ added), 1e-30)
     noise = added[_of_level(fitting, 'noise')]
-    if float(noise @ noise) < LIMITS.by_noise * total:
+    # no gain comes and goes as bursts do
+    if effect.candidate.kind.bursts or float(noise @ noise) < LIMITS.by_noise * total:
         return 0.0
     receivers = [i for i, name in enumerate(c.receivers) if effect.candidate.station in ('', name)]
     # the first channels of the ramp are both stations' amplitudes
@@ -338,9 +339,9 @@ def _unevenness(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float
     """Return the mean squared relative difference of an effect's size from part to part, less what noise makes of it.
 
     In each part the size that fits best is 1 + (added . rest) / (added . added) times that of the explanation, with a
-    variance of 1 / (added . added); parts count by their power.
+    variance of 1 / (added . added); parts count by their power, those of less than the noise not at all.
     """
     power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
-    used = power > 0.0
+    used = power > 1.0
     squares = overlap[used] ** 2 / power[used]
     return float((squares.sum() - np.count_nonzero(used)) / max(power.sum(), 1e-30))

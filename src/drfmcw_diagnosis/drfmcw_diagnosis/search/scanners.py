@@ -219,14 +219,22 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
     time = c.data.time[rows]
     step = max(0.25 / max(np.ptp(time), 1.0), SCAN.fastest_sway / (SCAN.fine * SCAN.sway_cells))
     frequency = np.arange(1, int(SCAN.fastest_sway / step)) * step
+    members, of_member = np.unique(group, return_inverse=True)
+    means = np.zeros((len(members), len(time)))
+    means[of_member, np.arange(len(time))] = 1.0
+    means /= means.sum(axis=1, keepdims=True)
+    error, weight_of_mean = residual[c.entries.where(kind='range')][members], 1.0 / c.std.range[members]
 
-    def score(frequency: np.ndarray) -> np.ndarray:
+    def score(frequency: np.ndarray, with_range: bool = False) -> np.ndarray:
         wave = np.exp(2j * math.pi * frequency[:, None] * time)
-        for g in np.unique(group):  # movement is compared within its group only
-            wave[:, group == g] -= wave[:, group == g].mean(axis=1, keepdims=True)
-        real, imag = (wave * weight).real, (wave * weight).imag
+        mean = wave @ means.T
+        wave = (wave - mean[:, of_member]) * weight  # movement is compared within its group only
+        measured = z
+        if with_range:
+            wave, measured = np.concatenate([wave, mean * weight_of_mean], axis=1), np.concatenate([z, error])
+        real, imag = wave.real, wave.imag
         rr, ii, ri = np.sum(real * real, axis=1), np.sum(imag * imag, axis=1), np.sum(real * imag, axis=1)
-        a, b = real @ z, imag @ z
+        a, b = real @ measured, imag @ measured
         return (ii * a * a - 2.0 * ri * a * b + rr * b * b) / np.maximum(rr * ii - ri * ri, 1e-30)
 
     coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
@@ -236,14 +244,25 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
     fine = np.concatenate(
         [frequency[k] + step * np.linspace(-1.0, 1.0, SCAN.top) for k in _peaks(coarse, SCAN.aliases, 1)]
     )
-    fine, best = fine.reshape(-1, SCAN.top), score(fine).reshape(-1, SCAN.top)
-    row, at = np.arange(len(best)), best.argmax(axis=1).clip(1, SCAN.top - 2)
-    left, middle, right = (best[row, at + i] for i in (-1, 0, 1))
+    found: list[float] = []
+    for with_range in (False, True):  # where the crane stands on average separates aliases, but errors may hide it
+        peaks, heights = _maxima(fine.reshape(-1, SCAN.top), score(fine, with_range).reshape(-1, SCAN.top))
+        found += [float(f) for f in peaks[np.argsort(heights)[::-1][: SCAN.peaks]]]
+    return tuple(dict.fromkeys(found))
+
+
+def _maxima(at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where parabolas through the largest of each row's values have their maxima (n,), and their heights (n,).
+
+    Args:
+        at: equally spaced (n, k).
+        values: there (n, k).
+    """
+    row, best = np.arange(len(values)), values.argmax(axis=1).clip(1, values.shape[1] - 2)
+    left, middle, right = (values[row, best + i] for i in (-1, 0, 1))
     bend = np.minimum(left - 2.0 * middle + right, -1e-30)
     offset = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
-    height = middle - 0.25 * (left - right) * offset
-    peaks = fine[row, at] + offset * (fine[0, 1] - fine[0, 0])
-    return tuple(float(f) for f in peaks[np.argsort(height)[::-1][: SCAN.peaks]])
+    return at[row, best] + offset * (at[0, 1] - at[0, 0]), middle - 0.25 * (left - right) * offset
 
 
 def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:

@@ -255,13 +255,18 @@ class Search(Fitting):
         return bool(before - after > SEARCH.beyond_level)
 
     def relocated(self, fitted: Fitted) -> Fitted:
-        """Return an explanation with the ray from the ground refitted beside the effects that were added later.
+        """Return an explanation with effects elsewhere whose places resemble each other, beside those added later.
 
-        The fringes of different heights resemble each other: effects that are not yet explained may hide the right one.
+        The fringes of different heights of a reflector, or the aliases of a sway: effects that are not yet explained
+        may hide the right one.
         """
-        number = next((i for i, e in enumerate(fitted.effects) if _is_reflection(e.candidate)), None)
-        if number is None:
-            return fitted
+        for number in range(len(fitted.effects)):
+            if fitted.effects[number].candidate.recipe.lookalikes:
+                fitted = self._relocated(fitted, number)
+        return fitted
+
+    def _relocated(self, fitted: Fitted, number: int) -> Fitted:
+        """Return an explanation with one of its effects at the place where all fit best."""
         candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
         residual = self.comparison.residual - rest.template
         freedom = self._freedom_beside(self.slopes(fitted), fitted.spans[number])
@@ -270,7 +275,7 @@ class Search(Fitting):
 
         def refined(point: tuple) -> Fitted | None:
             alone = self._alone(point, rest, freedom, fitted, goal)
-            return None if alone is None else self.fit([*rest.start, *alone.start])
+            return None if alone is None else self.fit([*rest.start[:number], *alone.start, *rest.start[number:]])
 
         fits = [f for f in self._workers.map(refined, [(candidate, values) for _, _, values in begun]) if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
@@ -490,7 +495,7 @@ class Search(Fitting):
             if gain < least or len(tried) >= SEARCH.few:
                 break
             there = tried.setdefault(candidate.key, [])
-            if len(there) >= (SEARCH.fringes if _is_reflection(candidate) else SEARCH.places):
+            if len(there) >= (SEARCH.fringes if candidate.recipe.lookalikes else SEARCH.places):
                 continue
             template = self.whitening(self._unit(candidate, values))
             template /= max(float(np.linalg.norm(template)), SEARCH.nothing)
@@ -504,8 +509,3 @@ def _in_quadrature(candidate: Candidate) -> dict[str, float]:
     """Return the values of a candidate's parameters with its phase a quarter of a turn on."""
     turn, quarter = candidate.recipe.quadrature
     return candidate.values | {turn: candidate.values.get(turn, 0.0) + quarter}
-
-
-def _is_reflection(candidate: Candidate) -> bool:
-    """Return whether a candidate is a path whose fringes follow the distance, other than that of an echo."""
-    return candidate.recipe.fringes and not candidate.recipe.repeats

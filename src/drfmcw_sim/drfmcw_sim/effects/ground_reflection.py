@@ -32,6 +32,7 @@ class GroundReflection(Effect, name='ground_reflection', of=Of.PATH):
             scanned='height_product',
             cells=1000,
             fringes=True,
+            lookalikes=True,
         ),
     )
 

@@ -54,6 +54,7 @@ class Recipe:
     times: Mapping[str, str] = dataclasses.field(default_factory=dict)  # as `added_to`, where the start is a factor
 
     # what recordings show of it, and how exactly
+    lookalikes: bool = False  # other places of `scanned` resemble the right one until all other effects are known
     fringes: bool = False  # it raises and lowers the received power with the distance
     needs_reference: bool = False  # it shows only against a reference that measures another distance
     trust: Mapping[str, float] = dataclasses.field(default_factory=dict)  # limit of the model: [dB], or relative

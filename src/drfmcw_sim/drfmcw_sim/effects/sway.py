@@ -29,12 +29,13 @@ class Sway(Effect, name='sway', of=Of.PATH):
         Recipe(
             'amplitude',
             start={'amplitude': 1e-4},
-            prior={'amplitude': 0.05, 'frequency': 2.0, 'phase': 3.0},
+            prior={'amplitude': 0.5, 'frequency': 2.0, 'phase': 3.0},
             quadrature=('phase', np.pi / 2.0),
             steps={'frequency': 1e-5, 'phase': 0.01},
             scan='oscillation',
             scanned='frequency',
             cells=2500,
+            lookalikes=True,
         ),
     )
 
