@@ -26,6 +26,7 @@ import numpy as np
 from scipy import stats
 
 from ..compare.algebra import scaled_inverse
+from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
 from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
@@ -93,6 +94,10 @@ class Standing:
             and not self.is_noise
         )
 
+    def less_known(self, doubt: float) -> 'Standing':
+        """Return how well it stands if its size in a part of the numbers is known to the root of `doubt` only [1]."""
+        return dataclasses.replace(self, over_groups=self.over_groups - doubt, over_kinds=self.over_kinds - doubt)
+
     @property
     def is_event(self) -> bool:
         """True where a step or a bump within the sweep explains more than the effect."""
@@ -144,6 +149,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
+        if fitted.effects[number].candidate.kind.bursts:  # of which a group holds few
+            standing = standing.less_known(MODEL.bursts**2)
         found.append(
             dataclasses.replace(
                 standing,

@@ -454,7 +454,9 @@ class Search(Fitting):
         tried: dict[tuple, list[Candidate]] = {}
         for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
             own = [i for i in shaping if fitted.effects[i].key[1] == candidate.station]
-            for replaced in {tuple(own), tuple(shaping)}:
+            # of several that imitate a bent ramp, one may be what is there beside it
+            all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 2]
+            for replaced in {tuple(own), tuple(shaping), *all_but_one}:
                 if len(replaced) >= fewest:
                     tried.setdefault((*candidate.key, replaced), []).append(candidate)
 
