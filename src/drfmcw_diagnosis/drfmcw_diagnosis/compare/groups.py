@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.measurements import Measurements
 
@@ -74,6 +75,12 @@ def acted(part: Part, effects: Sequence[Effect]) -> Measurements:
     for effect in sorted(effects, key=lambda e: e.stage):
         effect.prepare(state)
     return state
+
+
+def move(m: Measurements, way: np.ndarray) -> None:
+    """Move the target of each measurement farther (n,) [m], in place."""
+    m.range += way
+    m.paths[0].delay += way * m.refractive_index / SPEED_OF_LIGHT
 
 
 def align(

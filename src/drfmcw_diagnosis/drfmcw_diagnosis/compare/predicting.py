@@ -12,7 +12,7 @@ from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
 from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import SweepFeatures, local_noise, mean_power, pooled_unevenness, quiet_sweeps, ramp_spectrum
-from .groups import Part, acted
+from .groups import Part, acted, move
 from .limits import SIMULATION
 from .noise_model import NoiseModel
 from .recorded_sweeps import RecordedSweeps
@@ -328,8 +328,7 @@ class Predictor:
         if not error.any() or not any(ActsOn.DELAY in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
             return part, reading
         steady = part.steady.rows(slice(None))
-        steady.range -= error
-        steady.paths[0].delay -= error * steady.refractive_index / SPEED_OF_LIGHT
+        move(steady, -error)
         return dataclasses.replace(part, steady=steady), part.steady.range
 
     def _reference(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:

@@ -12,7 +12,7 @@ from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.synthesis.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures, ramp_spectrum
-from .groups import Part, align
+from .groups import Part, acted, align, move
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
 
@@ -98,12 +98,13 @@ class SimulatedSweeps:
         groups = part.groups
         slope = np.where(self._recorded.standing, 0.0, self._recorded.slope)[groups]
         way = slope * np.array([np.ptp(self._recorded.data.time[self._recorded.members[g]]) for g in groups])
+        if not way.any():
+            return None
         excess = []
         for place in (-0.5, 0.5):
-            state = part.steady.rows(slice(None))
-            _move(state, place * way)
-            for effect in sorted(effects, key=lambda e: e.stage):
-                effect.prepare(state)
+            steady = part.steady.rows(slice(None))
+            move(steady, place * way)
+            state = acted(dataclasses.replace(part, steady=steady), effects)
             excess.append(np.array([path.delay - state.paths[0].delay for path in state.paths[1:]]))
         carrier = part.extract.sweeps[0].center_frequency
         return way if np.any(np.abs(excess[1] - excess[0]) * carrier > SIMULATION.turning) else None
@@ -128,7 +129,7 @@ class SimulatedSweeps:
         if swaying:  # a group's mean is that over its time, in which a crane may swing far
             rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
         if way is not None:
-            _move(rows, (((np.arange(copies) + 0.5) / copies - 0.5)[:, None] * way).ravel())
+            move(rows, (((np.arange(copies) + 0.5) / copies - 0.5)[:, None] * way).ravel())
         moved = align(part, rows, copies, self._recorded.sweeps, effects)
         # copies of a station that hears itself differ in their delays
         alike = 1 if swaying or way is not None or self._recorded.topology.hears_itself else copies
@@ -197,12 +198,6 @@ class SimulatedSweeps:
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return T_off minus the group's mean, of `count` of its sweeps [s]."""
         return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
-
-
-def _move(m: Measurements, way: np.ndarray) -> None:
-    """Move each measurement's target farther (n,) [m]."""
-    m.range += way
-    m.paths[0].delay += way * m.refractive_index / SPEED_OF_LIGHT
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:

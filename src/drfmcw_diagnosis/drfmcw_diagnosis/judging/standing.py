@@ -94,10 +94,6 @@ class Standing:
             and not self.is_noise
         )
 
-    def less_known(self, doubt: float) -> 'Standing':
-        """Return how well it stands if its size in a part of the numbers is known to the root of `doubt` only [1]."""
-        return dataclasses.replace(self, over_groups=self.over_groups - doubt, over_kinds=self.over_kinds - doubt)
-
     @property
     def is_event(self) -> bool:
         """True where a step or a bump within the sweep explains more than the effect."""
@@ -149,11 +145,13 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
-        if fitted.effects[number].candidate.kind.bursts:  # of which a group holds few
-            standing = standing.less_known(MODEL.bursts**2)
+        # a group holds few bursts, so each part of the numbers knows their size to that only
+        doubt = MODEL.bursts**2 if fitted.effects[number].candidate.kind.bursts else 0.0
         found.append(
             dataclasses.replace(
                 standing,
+                over_groups=standing.over_groups - doubt,
+                over_kinds=standing.over_kinds - doubt,
                 left=_left_of_range(fitting, left_over, measured) / _own_share(slopes, own, added)
                 if by_range[number]
                 else 0.0,

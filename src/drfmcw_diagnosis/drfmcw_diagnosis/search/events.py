@@ -191,28 +191,26 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
             shown = _as_shown(shape[None], channel in phases)
             size = factor * event.size * event.law * along
             result[number, c.rows(kind, channel)] = np.ravel(size[:, None] * shown / std)
-    return np.concatenate([result, _shifted_lines(fitting, event, phases), _earlier_end(fitting, event, phases)])
+    return np.concatenate([result, _shifted_lines(fitting, event, phases), _earlier_end(fitting, event)])
 
 
-def _earlier_end(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np.ndarray:
+def _earlier_end(fitting: Fitting, event: _Event) -> np.ndarray:
     """Return what a station that loses samples shows where its signal ends, each times its prior (k, n).
 
     The last of the record holds no signal then: the end itself, and the last block of the sweep.
     """
-    c = fitting.comparison
-    found: list[np.ndarray] = []
+    c, (ramp, phases) = fitting.comparison, _ramp(fitting)
     if event.losing < 0:
         return np.zeros((0, len(c.residual)))
-    last = _as_shown(np.eye(len(event.shape))[-1:], of_phase=False)[0]
-    for channel in (event.losing, *phases):
-        row = np.zeros(len(c.residual))
-        size = event.size * event.law / c.std['ramp'][:, channel].T
-        row[c.rows(next(k for k in c.kinds if k.name == 'ramp'), channel)] = np.ravel(last * size.T)
-        found.append(row)
+    channels = (event.losing, *phases)
+    found = np.zeros((len(channels) + 1, len(c.residual)))
+    last = _as_shown(np.eye(len(event.shape))[-1:], of_phase=False)
+    size = (event.size * event.law)[:, None]
+    for row, channel in zip(found, channels, strict=False):
+        row[c.rows(ramp, channel)] = np.ravel(size * last / c.std['ramp'][:, channel])
     ends = next(k for k in c.kinds if k.name == 'ends')
-    row = np.zeros(len(c.residual))
-    row[c.rows(ends, event.losing)] = np.ravel(LIMITS.prior * np.array([0.0, 1.0]) / c.std['ends'][:, event.losing])
-    return np.array([*found, row])
+    found[-1, c.rows(ends, event.losing)] = np.ravel(np.array([0.0, LIMITS.prior]) / c.std['ends'][:, event.losing])
+    return found
 
 
 def _shifted_lines(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np.ndarray:

@@ -167,7 +167,7 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     phasors = _phasors(c, residual, False)
     distance = np.array([c.data.distance[m].mean() for m in c.members])
     carrier = c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT
-    # the nearest distance has the closest fringes: one more turn per distance over twice the carrier's wavenumber
+    # the product changes by R c / (2 f) from fringe to fringe, so fringes are closest at the nearest distance R
     step = max(float(distance.min()) / (2.0 * carrier * SCAN.per_fringe), SCAN.highest / SCAN.heights)
     products = np.arange(step, SCAN.highest, step)
     excess = np.sqrt(distance**2 + 4.0 * products[:, None]) - distance  # (products, groups)
@@ -219,15 +219,12 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
     time = c.data.time[rows]
     step = max(0.25 / max(np.ptp(time), 1.0), SCAN.fastest_sway / (SCAN.fine * SCAN.sway_cells))
     frequency = np.arange(1, int(SCAN.fastest_sway / step)) * step
-    members, of_member = np.unique(group, return_inverse=True)
-    means = np.zeros((len(members), len(time)))
-    means[of_member, np.arange(len(time))] = 1.0
-    means /= means.sum(axis=1, keepdims=True)
+    members, starts, of_member, counts = np.unique(group, return_index=True, return_inverse=True, return_counts=True)
     error, weight_of_mean = residual[c.entries.where(kind='range')][members], 1.0 / c.std.range[members]
 
     def score(frequency: np.ndarray, with_range: bool = False) -> np.ndarray:
         wave = np.exp(2j * math.pi * frequency[:, None] * time)
-        mean = wave @ means.T
+        mean = np.add.reduceat(wave, starts, axis=1) / counts
         wave = (wave - mean[:, of_member]) * weight  # movement is compared within its group only
         measured = z
         if with_range:

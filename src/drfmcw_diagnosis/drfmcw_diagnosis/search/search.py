@@ -442,7 +442,9 @@ class Search(Fitting):
         return [(c, effect.values) for c in moved if self._is_other(c, effect.values, rest.effects)]
 
     def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
-        """Return explanations with one effect of many coefficients for all that shape a chirp, best first.
+        """Return explanations with one effect of many coefficients for those that shape a chirp, best first.
+
+        It takes the place of all, of one station's, or of all but one.
 
         Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects.
 
@@ -451,11 +453,11 @@ class Search(Fitting):
             fewest: effects that shape a chirp, of one station or of both, and are worth it.
         """
         shaping = [i for i, e in enumerate(fitted.effects) if e.candidate.kind.shapes_chirp]
+        # of several that imitate a bent ramp, one may be what is there beside it
+        all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 2]
         tried: dict[tuple, list[Candidate]] = {}
         for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
             own = [i for i in shaping if fitted.effects[i].key[1] == candidate.station]
-            # of several that imitate a bent ramp, one may be what is there beside it
-            all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 2]
             for replaced in {tuple(own), tuple(shaping), *all_but_one}:
                 if len(replaced) >= fewest:
                     tried.setdefault((*candidate.key, replaced), []).append(candidate)
