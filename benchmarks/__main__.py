@@ -13,6 +13,7 @@ from figures import Figure, number
 from gateway import bench_gateway
 from graph import bench_graph
 from host import bench_host
+from latency import bench_latency
 from rich.console import Console
 from rich.table import Table
 from simulation import bench_simulation
@@ -24,6 +25,7 @@ BENCHMARKS = {
     'estimation': bench_estimation,
     'accuracy': bench_accuracy,
     'graph': bench_graph,
+    'latency': bench_latency,
     'gateway': bench_gateway,
     'host': bench_host,
 }

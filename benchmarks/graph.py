@@ -21,7 +21,7 @@ from drfmcw_ros.config_files import find_config
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import read_scenario
 
-_PAIR, _STATIONS = 'master/slave', ('master', 'slave')
+_PAIR, STATIONS = 'master/slave', ('master', 'slave')
 _TICKS = os.sysconf('SC_CLK_TCK')
 _START_LIMIT = 60.0  # until the first range [s]
 _WARM_UP = 3.0  # not measured: discovery, first use of every code path [s]
@@ -99,7 +99,7 @@ def _measure(graph: Graph, monitor: RangeMonitor, seconds: float, name: str, con
 def start_fusion_and_stations(graph: Graph) -> None:
     """Start fusion and both stations."""
     graph.start('fusion', FUSION, '--pair', _PAIR)
-    for station in _STATIONS:
+    for station in STATIONS:
         graph.start(f'station {station}', STATION, '--station', station, *parameters({'spectrum': True}))
 
 
