@@ -138,6 +138,15 @@ class RecordedSweeps:
         error: np.ndarray = self.sweeps[group].range - self.data.distance[self.members[group]]
         return error
 
+    def range_noise(self, group: int) -> np.ndarray:
+        """Return what the ranges of a group's sweeps scatter by, less a steady course where the target moves (n,) [m]."""
+        error = self.range_error(group)
+        free = len(error) - 1
+        if self.counted[group] or free <= 2 * SCATTER.course or not np.isfinite(error).all():
+            return error
+        left = error - _course(error)
+        return left * np.sqrt(free / (free - SCATTER.course))
+
     @functools.cached_property
     def beside_lines(self) -> np.ndarray:
         """Which bins of each group's spectra lie beside the stations' own lines (G, S, B)."""
@@ -211,8 +220,7 @@ class RecordedSweeps:
             return True
         noise, least = noise_by_bends(error), SCATTER.ambiguous * way
         fast = np.mean(np.diff(error) ** 2) - 2.0 * noise**2 > max(SCATTER.beyond_noise * 2.0 * noise**2, least**2)
-        place = np.linspace(-1.0, 1.0, len(error))
-        slow = np.diff(legval(place, legfit(place, error, SCATTER.course)))
+        slow = np.diff(_course(error))
         return not fast and float(np.mean(slow**2)) < max(SCATTER.of_course * noise / len(error) ** 1.5, least) ** 2
 
     def _expected_lines(self, group: int) -> np.ndarray:
@@ -234,3 +242,10 @@ class RecordedSweeps:
         nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
         extract = Extractor(data.sweeps[setting], data.calibration, data.topology, blocks, most)
         return Part(groups, local, nominal, steady(nominal, local), extract)
+
+
+def _course(values: np.ndarray) -> np.ndarray:
+    """Return the smooth course of a group's values (n,)."""
+    place = np.linspace(-1.0, 1.0, len(values))
+    course: np.ndarray = legval(place, legfit(place, values, SCATTER.course))
+    return course

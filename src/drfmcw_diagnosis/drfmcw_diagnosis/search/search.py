@@ -296,7 +296,7 @@ class Search(Fitting):
         share = SEARCH.hopeless_elsewhere if elsewhere else SEARCH.hopeless
         if alone.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, share * goal):
             return None
-        if not elsewhere:
+        if not elsewhere or alone.misfit < fitted.misfit - SEARCH.same:  # an alias resembles the right place
             return alone
         apart = self.whitening(alone.template - fitted.template)
         apart = apart if freedom is None else freedom.left(apart)
