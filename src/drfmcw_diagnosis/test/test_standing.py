@@ -177,3 +177,20 @@ def test_a_stuck_bit_is_no_noise_and_no_leakage(data):
         'noise_floor',
         'tx_leakage',
     }
+
+
+@pytest.mark.parametrize(('uneven', 'stands'), [(0.05, True), (1.0, False)])
+def test_the_power_is_no_evidence_of_a_loss_where_the_sweep_is_as_uneven(data, uneven, stands):
+    """A step of the gain within the sweep changes the mean power as a loss does. The seed is fixed."""
+    comparison = Comparison(data)
+    fitting = concealed(comparison, Effect.registry['amplitude_loss'](loss=0.3))
+    kind = next(k for k in comparison.kinds if k.name == 'ramp')
+    std = comparison.std['ramp'][:, 1]  # of the slave's amplitudes
+    step = 0.5 * uneven / 8.686 * np.sign(np.arange(std.shape[1]) - 0.5 * std.shape[1])
+    rows = comparison.rows(kind, 1)
+    noise = np.random.default_rng(7).normal(size=len(rows))
+    comparison.residual[rows] = np.where(np.isfinite(std.ravel()), noise, 0.0)
+    comparison.residual[rows] += (scipy.fft.dct(step, norm='ortho') / std).ravel()
+    fitting = Fitting(comparison)
+    (standing,) = standings(fitting, fitted(fitting, 'amplitude_loss', '', loss=0.1))
+    assert standing.stands == stands

@@ -1,5 +1,7 @@
 """Physical constants (CODATA via scipy) and fixed reference values."""
 
+import math
+
 from scipy import constants
 
 SPEED_OF_LIGHT = constants.speed_of_light
@@ -13,3 +15,6 @@ STANDARD_NOISE_TEMPERATURE = 290.0
 
 ZERO_CELSIUS = constants.zero_Celsius
 """0 degC [K]."""
+
+DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
+"""Of a ratio of amplitudes [dB]."""

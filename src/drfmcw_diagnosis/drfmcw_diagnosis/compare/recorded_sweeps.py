@@ -139,7 +139,7 @@ class RecordedSweeps:
         return error
 
     def range_noise(self, group: int) -> np.ndarray:
-        """Return what the ranges of a group's sweeps scatter by, less a steady course where the target moves (n,) [m]."""
+        """Return what the ranges of a group's sweeps scatter by, less a target's steady course (n,) [m]."""
         error = self.range_error(group)
         free = len(error) - 1
         if self.counted[group] or free <= 2 * SCATTER.course or not np.isfinite(error).all():

@@ -39,7 +39,7 @@ from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
 from drfmcw_node.estimators.pair import Basebands, PairEstimator, SingleEstimator
 from drfmcw_node.estimators.spectral import window_samples
 from drfmcw_node.processing.records import Beat
-from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
@@ -298,7 +298,7 @@ class Extractor:
             one, two = phase[0], self.sign * phase[1]
             phase = np.array([(one + two) / np.sqrt(2.0), (one - two) / np.sqrt(2.0)])
         ramp = np.concatenate([log - level[..., None], phase]).swapaxes(0, 1)
-        return ramp, 20.0 / np.log(10.0) * level.T + 20.0 * np.log10(self.topology.amplitude_factor)
+        return ramp, DECIBELS_PER_NEPER * level.T + 20.0 * np.log10(self.topology.amplitude_factor)
 
     def _delay(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `beat` [Hz] and the combined delay [s] of sweeps, by their lines' frequencies (S, n) [Hz]."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 from drfmcw_ros.cli import write_atomically
@@ -297,7 +298,7 @@ def _amplitude_scatter(dataset: Dataset) -> float:
         for rows in _sizeable_groups(dataset):
             power = dataset.lines.power[i, rows]
             snr = power - dataset.lines.noise_density[i, rows] + 10.0 * np.log10(dataset.sweeps[0][i].ramp_duration)
-            noise = (20.0 / math.log(10.0)) ** 2 / 2.0 * 10.0 ** (-snr / 10.0)
+            noise = DECIBELS_PER_NEPER**2 / 2.0 * 10.0 ** (-snr / 10.0)
             variances.append(_scatter(dataset.time[rows], power) - np.mean(noise))
     return _pooled(variances, TimingSettings().amplitude_scatter)
 

@@ -17,13 +17,17 @@ is left beside an effect is what is left beside the events that are set aside as
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `steadiness`.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
-a receiver's gain changes both.
+a receiver's gain changes both. What the received power alone shows is in doubt where the amplitude over the sweep is
+unexplained by half as much: whatever changes that changes its mean.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 from scipy import stats
+
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
 
 from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
@@ -52,6 +56,8 @@ class StandingLimits:
     by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
+    by_power: float = 0.9  # the same in the received power [1]
+    uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
@@ -73,7 +79,8 @@ class Standing:
     gain: float  # misfit that it explains beside the others
     left: float = 0.0  # of effects that the range alone shows
     unexplained: float = 0.0  # of effects that the noise alone shows
-    inflated: float = 1.0  # likewise
+    uneven_power: float = 0.0  # of effects that the received power alone shows
+    inflated: float = 1.0  # of effects that the range alone shows
     beyond_event: float = np.inf  # of effects that show over the sweep alone
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
 
@@ -89,6 +96,7 @@ class Standing:
             and self.probability < LIMITS.probability
             and self.left < LIMITS.left
             and self.unexplained < LIMITS.unexplained
+            and self.uneven_power < LIMITS.uneven_power
             and self.inflated < LIMITS.inflated
             and not self.is_event
             and not self.is_noise
@@ -156,6 +164,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 if by_range[number]
                 else 0.0,
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], as_it_is(residual), as_it_is(alone)),
+                uneven_power=_uneven_power(fitting, fitted.effects[number], residual, alone),
                 inflated=inflations[number],
                 beyond_event=beyond[number],
                 one_size=one_size[number],
@@ -173,6 +182,12 @@ def _of_level(fitting: Fitting, level: str) -> np.ndarray:
     """Return where the numbers of all kinds of a level stand."""
     c = fitting.comparison
     return np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == level])
+
+
+def _of_kind(fitting: Fitting, name: str, station: int) -> np.ndarray:
+    """Return where the numbers of a kind stand, of one station or channel."""
+    c = fitting.comparison
+    return next(c.rows(kind, station) for kind in c.kinds if kind.name == name)
 
 
 def _left_of_range(fitting: Fitting, rest: np.ndarray, added: np.ndarray) -> float:
@@ -213,6 +228,35 @@ def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray
     # the first channels of the ramp are both stations' amplitudes
     rows = [c.rows(k, i) for k in c.kinds if k.level == 'amplitude' or k.name == 'ramp' for i in receivers]
     return max(_excess(rest[np.concatenate(rows)]), 0.0) / total
+
+
+def _uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return the rest of the amplitude over the sweep over an effect's change of the power, both as rms in decibels.
+
+    The larger one of the effect's receivers, 0 where not the received power shows it.
+
+    Args:
+        fitting: of the recording.
+        effect: of the explanation.
+        rest: what the explanation leaves, over standard deviations (n,).
+        added: what the effect adds to it, likewise.
+    """
+    c = fitting.comparison
+    of_power = added[_of_level(fitting, 'amplitude')]
+    if float(of_power @ of_power) < LIMITS.by_power * float(added @ added):
+        return 0.0
+    found = 0.0
+    for i, name in enumerate(c.receivers):
+        if effect.candidate.station in ('', name):
+            rows = _of_kind(fitting, 'ramp', i)  # cosine series of log amplitudes, orthonormal
+            std = c.std.ramp[:, i].ravel()
+            used = np.isfinite(std)
+            squares = (rest[rows][used] ** 2 - 1.0) * std[used] ** 2
+            square = float(np.sum(squares)) / max(int(np.count_nonzero(used)), 1)
+            std = np.nan_to_num(c.std.amplitude[:, i], posinf=0.0)
+            changed = float(np.mean((added[_of_kind(fitting, 'amplitude', i)] * std) ** 2))
+            found = max(found, DECIBELS_PER_NEPER * math.sqrt(max(square, 0.0) / max(changed, 1e-30)))
+    return found
 
 
 def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[float]:

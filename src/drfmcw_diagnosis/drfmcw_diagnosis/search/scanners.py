@@ -15,7 +15,7 @@ import scipy.fft
 from scipy import stats
 from scipy.ndimage import maximum_filter1d
 
-from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_physics.sweep import Role
 from drfmcw_sim.effects import Recipe
@@ -23,8 +23,6 @@ from drfmcw_sim.effects import Recipe
 from ..compare.comparison import Comparison
 from ..features.limits import SPECTRUM
 from .limits import SCAN
-
-_DECIBEL = 20.0 / math.log(10.0)  # of one neper
 
 Values = Sequence[float | tuple[float, ...]]
 """Values of a scanned parameter, or of several parameters together, best first."""
@@ -180,8 +178,8 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     # where both paths lie in one resolution cell, the reflection shows in the level
     std = c.std.amplitude
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
-    gained = correlation.sum(axis=1) + _DECIBEL * turn.real @ level.sum(axis=1)
-    spent = power.sum(axis=1) + _DECIBEL**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
+    gained = correlation.sum(axis=1) + DECIBELS_PER_NEPER * turn.real @ level.sum(axis=1)
+    spent = power.sum(axis=1) + DECIBELS_PER_NEPER**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
     return tuple(float(products[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections))
 
 

@@ -73,7 +73,7 @@ class Range(Kind):
         if not recorded.scatters:
             std[known] = np.sqrt(expected[known])
         elif known.any():
-            errors = [recorded.range_noise(g)[:, None] for g in np.flatnonzero(known)]
+            errors = [recorded.range_noise(int(g))[:, None] for g in np.flatnonzero(known)]
             std[known] = pooled(errors, expected[known])[:, 0]
         limit = evidence.known.range_limit()
         return values, np.hypot(np.maximum(std, SCATTER.least_range) / evidence.roots, limit)

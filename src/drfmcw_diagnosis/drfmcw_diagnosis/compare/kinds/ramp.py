@@ -7,6 +7,8 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
+
 from ...features.extractor import gaussian, local_noise, median_of_mean
 from ..limits import MODEL, SCATTER
 from ..measuring import Evidence
@@ -67,7 +69,7 @@ class Ramp(_OfChannels):
         at = shown.group, shown.row
         residual, std, curve = shown.residual[at], shown.std[at], shown.curve[at]
         of_phase = shown.recorded.channels[shown.row].of_phase
-        scale, unit = (1.0, 'rad') if of_phase else (20.0 / math.log(10.0), 'dB')
+        scale, unit = (1.0, 'rad') if of_phase else (DECIBELS_PER_NEPER, 'dB')
         known = np.isfinite(std)
         residual, curve = (scipy.fft.idct(np.where(known, v, 0.0), norm='ortho') * scale for v in (residual, curve))
         usual = np.full(len(residual), math.sqrt(np.mean(std[known] ** 2)) * scale)
