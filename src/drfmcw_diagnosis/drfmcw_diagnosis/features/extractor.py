@@ -402,19 +402,28 @@ class Extractor:
         return combine(first, second)
 
 
-def spans(sweep: SweepSettings) -> np.ndarray:
-    """Return weights of means of the samples in spans of the sweep that overlap by half (N, V), which keep lines out.
+def span_times(sweep: SweepSettings) -> np.ndarray:
+    """Return when the spans of a sweep begin and end (V, 2) [s]: short ones where its window begins, then equal ones.
 
-    Each column is a span's mean less the mean of all spans.
+    The equal ones overlap by half and cover the window. Before it begins, the line comes in, which no window keeps out.
     """
     begin, end = sweep.analysis_window()
     step = (end - begin) / (SPECTRUM.spans + 1)
+    first = [(begin, begin + count / sweep.sample_rate) for count in SPECTRUM.first_spans]
+    return np.array(first + [(at, at + 2.0 * step) for at in begin + step * np.arange(SPECTRUM.spans)])
+
+
+def spans(sweep: SweepSettings) -> np.ndarray:
+    """Return weights of means of the samples in spans of the sweep (N, V), see `span_times`, which keep lines out.
+
+    Each column is a span's mean less the mean of all equal spans.
+    """
     windows = [
-        window_samples('blackmanharris', at, at + 2.0 * step, sweep.sample_rate, sweep.sample_count)
-        for at in begin + step * np.arange(SPECTRUM.spans)
+        window_samples('blackmanharris', begin, end, sweep.sample_rate, sweep.sample_count)
+        for begin, end in span_times(sweep)
     ]
     each = np.stack([w / w.sum() for w in windows], axis=1)
-    return each - each.mean(axis=1, keepdims=True)
+    return each - each[:, -SPECTRUM.spans :].mean(axis=1, keepdims=True)
 
 
 def as_complex(samples: np.ndarray, iq: bool) -> np.ndarray:

@@ -77,9 +77,12 @@ class SpectrumLimits:
     spans: int = 15
     """Spans of the sweep, which overlap by half, in which the samples are averaged; chosen."""
 
-    kept_out: float = 3.0
-    """Periods of a line in the sweep over the number of spans [1], from which on their Blackman-Harris windows keep it
-    out; chosen: their main lobe ends at 2."""
+    first_spans: tuple[int, ...] = (32, 64)
+    """Lengths of further spans where the window begins [samples], for what settles within few samples; chosen."""
+
+    kept_out: float = 5.6
+    """Periods of a line in a span [1], from which on its Blackman-Harris window keeps the line out; chosen: the main
+    lobe ends at 4."""
 
     burst: float = 2.2
     """Power over its median that no span of steady noise reaches [1]; derived: the mean power of 64 real samples of

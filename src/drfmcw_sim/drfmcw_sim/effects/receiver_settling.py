@@ -25,7 +25,7 @@ class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
             'level',
             start={'level': -80.0},
             prior={'level': 20.0, 'time_constant': 1e-3},
-            grid={'time_constant': geometric(2e-5, 2e-3, 7)},
+            grid={'time_constant': geometric(5e-6, 2e-3, 9)},
             decibel=True,
             steps={'level': 0.05},
         ),

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from ...features.extractor import gaussian
+from ...features.extractor import gaussian, span_times
 from ...features.limits import SPECTRUM
 from ..groups import variance_factor
 from ..limits import MODEL, SCATTER, SIMULATION
@@ -86,9 +86,10 @@ class Baseline(Kind):
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean over each group, of stations whose line the spans' windows keep out."""
         values, std = _averaged(evidence, self.name)
-        begin, end = _window(evidence.recorded)
-        turns = np.stack([s.line.mean(axis=0) for s in evidence.recorded.sweeps]) * (end - begin)
-        return values, np.where(turns[..., None] > SPECTRUM.kept_out * SPECTRUM.spans, std, np.inf)
+        recorded = evidence.recorded
+        line = np.stack([s.line.mean(axis=0) for s in recorded.sweeps])
+        turns = line[..., None] * np.tile(np.diff(_spans(recorded))[:, 0], recorded.topology.parts)
+        return values, np.where(turns > SPECTRUM.kept_out, std, np.inf)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return what effects add: lines, which have a random phase in each sweep, leave nothing in the mean."""
@@ -98,14 +99,16 @@ class Baseline(Kind):
 
     def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return squares over the time in the sweep [s]."""
-        squares = np.sum(z.reshape(-1, recorded.topology.parts, SPECTRUM.spans) ** 2, axis=(0, 1))
-        return _middles(recorded), squares
+        middle = _spans(recorded).mean(axis=1)
+        squares = np.sum(z.reshape(-1, recorded.topology.parts, len(middle)) ** 2, axis=(0, 1))
+        return middle, squares
 
     def plotted(self, shown: Shown) -> Plotted:
         """Return the means over the time in the sweep, of I alone [s]."""
-        at = shown.group, shown.row, slice(SPECTRUM.spans)
+        middle = _spans(shown.recorded).mean(axis=1)
+        at = shown.group, shown.row, slice(len(middle))
         values = (shown.residual[at], shown.std[at], shown.curve[at])
-        return Plotted(_middles(shown.recorded), *values, self.unit, at_distance(shown))
+        return Plotted(middle, *values, self.unit, at_distance(shown))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -128,7 +131,8 @@ class Ends(Kind):
 
     def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return squares over the time in the sweep [s]."""
-        return np.array(_window(recorded)), np.sum(z.reshape(-1, 2) ** 2, axis=0)
+        window = recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
+        return np.array(window), np.sum(z.reshape(-1, 2) ** 2, axis=0)
 
 
 def _averaged(evidence: Evidence, feature: str) -> Measured:
@@ -141,15 +145,9 @@ def _averaged(evidence: Evidence, feature: str) -> Measured:
     return evidence.mean(feature), np.maximum(np.sqrt(variance), SCATTER.least_mean) / evidence.roots[:, None, None]
 
 
-def _window(recorded: RecordedSweeps) -> tuple[float, float]:
-    """Return between which times of the first station's sweep the spans lie [s]."""
-    return recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
-
-
-def _middles(recorded: RecordedSweeps) -> np.ndarray:
-    """Return the middle of each span of the first station's sweep (V,) [s]."""
-    begin, end = _window(recorded)
-    return begin + (end - begin) * np.arange(1, SPECTRUM.spans + 1) / (SPECTRUM.spans + 1)
+def _spans(recorded: RecordedSweeps) -> np.ndarray:
+    """Return when each span of the first station's sweep begins and ends (V, 2) [s]."""
+    return span_times(recorded.data.sweeps[0][recorded.heard[0]])
 
 
 def _frequencies(recorded: RecordedSweeps, bins: int) -> np.ndarray:
