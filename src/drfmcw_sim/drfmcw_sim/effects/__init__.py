@@ -8,9 +8,9 @@ import pkgutil
 
 from .base import Effect, effect_from_mapping
 from .recipe import WAVE, Recipe, geometric
-from .traits import ActsOn, Motion, Of, Stage
+from .traits import ActsOn, Motion, Of, Stage, Stated
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f'{__name__}.{_module.name}')
 
-__all__ = ['WAVE', 'ActsOn', 'Effect', 'Motion', 'Of', 'Recipe', 'Stage', 'effect_from_mapping', 'geometric']
+__all__ = ['WAVE', 'ActsOn', 'Effect', 'Motion', 'Of', 'Recipe', 'Stage', 'Stated', 'effect_from_mapping', 'geometric']

@@ -8,7 +8,7 @@ from drfmcw_physics.settings import parameter
 from ..measurements import Measurements
 from .base import Effect
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,6 +18,7 @@ class AirRefractivity(Effect, name='air_refractivity', of=Of.PATH):
     acts_on = ActsOn.DELAY
     formula = 'n → n + 10⁻⁶ offset; τ → τ + 10⁻⁶ offset R / c, 1 N-unit is 1 mm per km'
     example = {'offset': 10.0}
+    error_of = Stated.AIR
     recipes = (Recipe('offset', {'offset': 1.0}, {'offset': 100.0}),)
 
     offset: float = parameter(

@@ -13,7 +13,7 @@ from drfmcw_physics.settings import ConfigurationError, from_mapping, nearest
 
 from ..measurements import Measurements, Station
 from .recipe import Recipe
-from .traits import ActsOn, Motion, Of, Stage
+from .traits import ActsOn, Motion, Of, Stage, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Effect:
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
     evidence: ClassVar[str] = ''  # in the samples of a station that hears itself: see drfmcw_diagnosis.scene
     of_hardware: ClassVar[bool] = False  # of the path, but of its stations' hardware alone, whatever the site
+    error_of: ClassVar[Stated | None] = None  # what it is the error of, by its one parameter
     formula: ClassVar[str] = ''  # one line
     example: ClassVar[dict[str, float | list[float]]] = {}  # parameters of a typical size
     recipes: ClassVar[tuple[Recipe, ...]] = ()  # how to search for it, one for each set of its parameters

@@ -7,7 +7,7 @@ from drfmcw_physics.settings import parameter
 from ..measurements import Measurements
 from .base import Effect
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,6 +19,7 @@ class DelayOffset(Effect, name='delay_offset', of=Of.PATH):
     example = {'delay': 0.1}
     movable = True
     of_hardware = True
+    error_of = Stated.DELAY
     recipes = (Recipe('delay', {'delay': 0.01}, {'delay': 10.0}),)
 
     delay: float = parameter(unit='ns', bounds=(-1e3, 1e3), description='added to the delay of the path')

@@ -7,7 +7,7 @@ from drfmcw_physics.settings import parameter
 from ..measurements import Measurements
 from .base import Effect
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,6 +17,7 @@ class DelayTemperature(Effect, name='delay_temperature', of=Of.STATION):
     acts_on = ActsOn.DELAY
     formula = 'τ → τ + 10⁻¹² slope (board temperature − calibration temperature)'
     example = {'slope': 5.0}
+    error_of = Stated.DELAY_SLOPE
     recipes = (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),)
 
     slope: float = parameter(

@@ -8,7 +8,7 @@ from ..measurements import Measurements
 from .base import Effect
 from .clocks import shift_reference
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,6 +18,7 @@ class ReferenceClockOffset(Effect, name='reference_clock_offset', of=Of.STATION)
     acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ deviation; ADC clock in proportion'
     example = {'deviation': 2.0}
+    error_of = Stated.CLOCK
     recipes = (Recipe('deviation', {'deviation': 0.2}, {'deviation': 20.0}),)
 
     deviation: float = parameter(unit='ppm', bounds=(-500.0, 500.0), description='error, added to the calibrated alpha')

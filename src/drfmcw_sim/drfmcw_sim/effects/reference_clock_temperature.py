@@ -8,7 +8,7 @@ from ..measurements import Measurements
 from .base import Effect
 from .clocks import shift_reference
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,6 +18,7 @@ class ReferenceClockTemperature(Effect, name='reference_clock_temperature', of=O
     acts_on = ActsOn.CLOCK
     formula = 'α → α + 10⁻⁶ slope (board temperature − calibration temperature); ADC clock in proportion'
     example = {'slope': 0.1}
+    error_of = Stated.CLOCK_SLOPE
     recipes = (Recipe('slope', {'slope': 0.02}, {'slope': 1.0}),)
 
     slope: float = parameter(

@@ -9,7 +9,7 @@ from drfmcw_physics.settings import parameter
 
 from .base import Effect
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,6 +19,7 @@ class ReferenceOffset(Effect, name='reference_offset', of=Of.REFERENCE):
     acts_on = ActsOn.REFERENCE
     formula = 'reading = R + offset'
     example = {'offset': 0.01}
+    error_of = Stated.REFERENCE_ZERO
     recipes = (Recipe('offset', {'offset': 1e-3}, {'offset': 0.5}),)
 
     offset: float = parameter(unit='m', bounds=(-1e4, 1e4), description='error, added to each reading')

@@ -9,7 +9,7 @@ from drfmcw_physics.settings import parameter
 
 from .base import Effect
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,6 +19,7 @@ class ReferenceScale(Effect, name='reference_scale', of=Of.REFERENCE):
     acts_on = ActsOn.REFERENCE
     formula = 'reading = R (1 + 10⁻⁶ scale)'
     example = {'scale': 20.0}
+    error_of = Stated.REFERENCE_SCALE
     recipes = (Recipe('scale', {'scale': 2.0}, {'scale': 200.0}),)
 
     scale: float = parameter(

@@ -7,7 +7,7 @@ from drfmcw_physics.settings import parameter
 from ..measurements import Measurements
 from .base import Effect
 from .recipe import Recipe
-from .traits import ActsOn, Of
+from .traits import ActsOn, Of, Stated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,6 +17,7 @@ class SampleClockOffset(Effect, name='sample_clock_offset', of=Of.STATION):
     acts_on = ActsOn.CLOCK
     formula = 'ADC clock → ADC clock (1 + 10⁻⁶ deviation)'
     example = {'deviation': 10.0}
+    error_of = Stated.SAMPLE_CLOCK
     recipes = (
         Recipe(
             'deviation',

@@ -45,3 +45,16 @@ class Motion(enum.Enum):
     NONE = enum.auto()
     DRIVE = enum.auto()  # evenly, which the slope of the reference's readings shows
     SWAY = enum.auto()  # to and fro within the sweeps at one distance, which the reference does not show
+
+
+class Stated(enum.StrEnum):
+    """Numbers that a calibration, the weather or the reference state, of which an effect may be the error; in words."""
+
+    DELAY = 'hardware delay'
+    DELAY_SLOPE = 'temperature slope of the delay'
+    CLOCK = 'reference clock'
+    CLOCK_SLOPE = 'temperature slope of the reference clock'
+    SAMPLE_CLOCK = 'ADC clock beside the reference'
+    AIR = 'refractivity of the air'
+    REFERENCE_ZERO = 'zero of the reference instrument'
+    REFERENCE_SCALE = 'scale of the reference instrument'
