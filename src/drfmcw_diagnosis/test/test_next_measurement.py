@@ -91,6 +91,18 @@ def test_a_delay_and_an_offset_of_the_reference_are_separated_by_a_tape(recordin
     assert max(separations(recording, truth, other, *useless)) < 0.1
 
 
+def test_an_effect_of_known_size_shows_beside_nothing_else(recording):
+    """One of 30 ps, 9 mm, whose size is not fitted: 9 standard deviations of a tape that is good to 1 mm."""
+    nothing = Fitted((), 0.0, np.zeros(len(recording.residual)), 0.0)
+    hidden = true(recording, 'delay_offset', delay=0.03)
+    (effect,) = hidden.effects
+    fixed = dataclasses.replace(effect.candidate.recipe, prior={})
+    known = dataclasses.replace(effect, candidate=dataclasses.replace(effect.candidate, recipe=fixed))
+    shown = separations(recording, nothing, dataclasses.replace(hidden, effects=(known,)), Baseline(15.0))
+    assert shown[0] == pytest.approx(0.03 * 0.2998 / 1e-3, rel=0.1), 'over the error of the tape'
+    assert separations(recording, nothing, hidden, Baseline(15.0))[0] < 0.05 * shown[0], 'a free size follows'
+
+
 def test_air_and_scale_of_the_reference_are_separated_by_a_second_instrument(recording):
     """Both go with the distance; 15 m is too short, and 1.5 times the longest distance is no other distance."""
     truth = true(recording, 'air_refractivity', offset=20.0)

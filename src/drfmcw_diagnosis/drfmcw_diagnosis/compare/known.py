@@ -43,10 +43,10 @@ class Known:
         return self._referenced & self._delays
 
     def range_limit(self) -> np.ndarray:
-        """Return to how much the range is trusted beyond its noise (G,) [m]: zero if air and T_off are known."""
-        limit = np.zeros(len(self._members))
+        """Return to how much the range is trusted beyond its noise (G,) [m]: zero if all else is known."""
+        limit = np.array([self._data.reference_limit[m].mean() for m in self._members])
         if not self._weather:
-            limit = MODEL.air * np.array([self._data.distance[m].mean() for m in self._members])
+            limit = np.hypot(limit, MODEL.air * np.array([self._data.distance[m].mean() for m in self._members]))
         if self._alone:  # T_off stands in the range of one line
             start_delay = MODEL.beat / (2.0 * abs(self._data.sweeps[0][0].chirp_rate))
             limit = np.hypot(limit, start_delay * SPEED_OF_LIGHT)

@@ -116,9 +116,14 @@ class NextMeasurement:
     separations: tuple[float, ...]  # from each of the alternatives, beyond what the recording brings [std]
 
     @property
+    def ruled_out(self) -> frozenset[int]:
+        """Which of the rivals it would rule out, by their places."""
+        return frozenset(i for i, s in enumerate(self.separations) if s >= SEPARATION.separable)
+
+    @property
     def decides(self) -> int:
         """Number of rivals that it would rule out."""
-        return sum(s >= SEPARATION.separable for s in self.separations)
+        return len(self.ruled_out)
 
     @property
     def separation(self) -> float:

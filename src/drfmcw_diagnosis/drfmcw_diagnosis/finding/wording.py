@@ -409,8 +409,7 @@ def ruled_out(measurement: NextMeasurement, diagnosis: Diagnosis) -> str:
     rivals = diagnosis.alternatives
     if measurement.decides == len(rivals):
         return {1: 'the rival', 2: 'both rivals'}.get(len(rivals), f'all {len(rivals)} rivals')
-    separated = zip(rivals, measurement.separations, strict=True)
-    return ', '.join(explanation_title(r) for r, s in separated if s >= SEPARATION.separable) or 'none'
+    return ', '.join(explanation_title(rivals[i]) for i in sorted(measurement.ruled_out)) or 'none'
 
 
 def _count(n: int, noun: str) -> str:

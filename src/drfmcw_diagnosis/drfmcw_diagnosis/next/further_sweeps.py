@@ -99,7 +99,8 @@ def supposed(comparison: Comparison, conditions: Conditions) -> Comparison:
             samples[i][chosen] = values
     made = dataclasses.replace(made, samples=tuple(samples.get(i) for i in range(len(data.stations))))
     if not conditions.referenced:
-        return Comparison(dataclasses.replace(made, reference_std=np.zeros(len(rows))))
+        exact = np.zeros(len(rows))
+        return Comparison(dataclasses.replace(made, reference_std=exact, reference_limit=exact))
     noise = np.concatenate([_scatter(data, m) for m in members])
     return Comparison(dataclasses.replace(made, reference=distance + noise))
 

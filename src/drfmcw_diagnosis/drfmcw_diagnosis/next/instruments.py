@@ -197,9 +197,12 @@ class _OfReference(_Reading):
         return error - m.range
 
     @staticmethod
-    def _reference_std(comparison: Comparison) -> float:
-        """Return that of one reading [m]."""
-        return float(np.nanmedian(comparison.data.reference_std))
+    def _reference_std(comparison: Comparison, reads: float = 1.0) -> float:
+        """Return that of the mean of several readings at one distance [m]."""
+        data = comparison.data
+        rows = np.concatenate(comparison.members)
+        own = float(np.nanmedian(data.reference_std[rows])) / math.sqrt(reads)
+        return math.hypot(own, float(np.median(data.reference_limit[rows])))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -223,9 +226,7 @@ class SecondInstrument(_OfReference):
     def std(self, comparison: Comparison, m: Measurements) -> np.ndarray:
         """Return that of the difference, the reference read as often as at one distance of the recording."""
         reads = np.mean([len(rows) for rows in comparison.members])
-        return np.hypot(
-            1e-3 * self.millimetres * (1.0 + 1e-3 * m.range), self._reference_std(comparison) / math.sqrt(reads)
-        )
+        return np.hypot(1e-3 * self.millimetres * (1.0 + 1e-3 * m.range), self._reference_std(comparison, float(reads)))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -71,7 +71,7 @@ def _predicted(fitted: Fitted, show: Callable[[Effects], np.ndarray]) -> _Predic
             moved = effect.candidate.build(effect.values | {name: effect.values[name] + step})
             effects = tuple(moved if i == number else e.build() for i, e in enumerate(fitted.effects))
             slopes.append((show(effects) - value) / step)
-    return _Prediction(value, np.stack(slopes, axis=1))
+    return _Prediction(value, np.reshape(slopes, (len(slopes), len(value))).T)
 
 
 def _condensed(chosen: _Prediction, rival: _Prediction) -> np.ndarray:

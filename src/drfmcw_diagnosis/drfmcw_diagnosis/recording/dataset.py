@@ -71,7 +71,8 @@ class Dataset:
     pressure: np.ndarray  # (n,) [Pa]
     humidity: np.ndarray  # (n,) relative [0..1]
     reference: np.ndarray  # (n,) NaN where no reading is near enough [m]
-    reference_std: np.ndarray  # (n,) [m]
+    reference_std: np.ndarray  # (n,) of each reading by itself [m]
+    reference_limit: np.ndarray  # (n,) standard deviation that readings at one distance share: of a mark [m]
     missing: tuple[str, ...]  # what the recording lacks and what therefore cannot be tested
     noise_measured: tuple[bool, ...]  # of each station: the calibration gave no noise floor and holds the measured one
     lacking: frozenset[str]  # missing topics of calibration and weather: nominal values and defaults are used
@@ -328,6 +329,7 @@ def assembled(
         **conditions.weather(heard),
         reference=known,
         reference_std=_reference_std(reference, heard, known),
+        reference_limit=np.zeros(len(heard)),
         missing=tuple(said),
         noise_measured=tuple(bool(np.isnan(c.noise_floor)) for c in calibrations),
         lacking=conditions.lacking(stations),
