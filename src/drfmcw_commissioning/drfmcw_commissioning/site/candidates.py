@@ -1,14 +1,14 @@
 """What may be wrong with a calibration on site, and what each does to ranges and to T_off."""
 
 import dataclasses
-import enum
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from drfmcw_fusion.displacement import displacement
+from drfmcw_fusion.uncertainty import delay_std
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_sim.effects import Stated
 
 from .groups import Group
 
@@ -16,22 +16,11 @@ Change = Callable[[Calibration, float], Calibration]
 Pair = tuple[Calibration, Calibration]
 
 
-class Kind(enum.StrEnum):
-    """What is changed."""
-
-    DELAY = 'hardware delay'
-    CLOCK = 'reference clock'
-    CLOCK_SLOPE = 'temperature slope of the reference clock'
-    DELAY_SLOPE = 'temperature slope of the delay'
-    SAMPLE_CLOCK = 'ADC clock beside the reference'
-    AIR = 'refractivity of the air'
-
-
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One number that a calibration or the weather states, in a unit in which a typical error is about 1."""
+    """One number that a calibration or the weather states, in the unit of the effect that is its error."""
 
-    kind: Kind
+    kind: Stated
     station: int  # 0 or 1; -1: of both, or of neither
     unit: str
     scale: float  # of one unit, in SI
@@ -40,7 +29,12 @@ class Candidate:
 
     def title(self, stations: Sequence[str]) -> str:
         """Return what it is, in words."""
-        return self.kind.value if self.station < 0 else f"{self.kind} of '{stations[self.station]}'"
+        return title(self.kind, stations[self.station] if self.station >= 0 else '')
+
+
+def title(kind: Stated, station: str) -> str:
+    """Return what a number is, in words; a station '' is none."""
+    return f"{kind} of '{station}'" if station else kind.value
 
 
 def candidates(calibrations: Pair, groups: Sequence[Group], air_std: float) -> list[Candidate]:
@@ -51,20 +45,38 @@ def candidates(calibrations: Pair, groups: Sequence[Group], air_std: float) -> l
         groups: of the ranges.
         air_std: standard deviation of the refractivity by the sensors [1e-6].
     """
-    stated = math.hypot(*(c.delay_std for c in calibrations))
-    found = [Candidate(Kind.DELAY, 1, 'ns', 1e-9, 1e9 * stated or 100.0, _delay)]
+    found = [Candidate(Stated.DELAY, 1, 'ns', 1e-9, _delay_prior(*calibrations), _delay)]
     for i, c in enumerate(calibrations):
-        found.append(Candidate(Kind.CLOCK, i, 'ppm', 1e-6, 1e6 * c.alpha_std or 50.0, _clock))
-    for i in range(2):
+        found.append(Candidate(Stated.CLOCK, i, 'ppm', 1e-6, 1e6 * c.alpha_std or 50.0, _clock))
+    for i, c in enumerate(calibrations):
         board = np.array([group.board[i] for group in groups])
         if np.isfinite(board).all() and np.ptp(board) > 0.0:
-            found.append(Candidate(Kind.CLOCK_SLOPE, i, 'ppm/K', 1e-6, 2.0, _clock_slope))
-            found.append(Candidate(Kind.DELAY_SLOPE, i, 'ps/K', 1e-12, 50.0, _delay_slope))
+            found.append(Candidate(Stated.CLOCK_SLOPE, i, 'ppm/K', 1e-6, _clock_slope_prior(c), _clock_slope))
+            found.append(Candidate(Stated.DELAY_SLOPE, i, 'ps/K', 1e-12, 50.0, _delay_slope))
     for i, c in enumerate(calibrations):
         prior = 1e6 * c.sample_clock_alpha_std or 50.0
-        found.append(Candidate(Kind.SAMPLE_CLOCK, i, 'ppm', 1e-6, prior, _sample_clock))
-    found.append(Candidate(Kind.AIR, -1, 'N', 1e-6, air_std, None))
+        found.append(Candidate(Stated.SAMPLE_CLOCK, i, 'ppm', 1e-6, prior, _sample_clock))
+    found.append(Candidate(Stated.AIR, -1, 'N', 1e-6, air_std, None))
     return found
+
+
+def states_delay(first: Calibration, second: Calibration) -> bool:
+    """Return whether two calibrations say how uncertain the delay of the pair is."""
+    together = any(own.delay_peer == peer.station for own, peer in ((first, second), (second, first)))
+    return delay_std(first, second) > 0.0 and (together or min(first.delay_std, second.delay_std) > 0.0)
+
+
+def _delay_prior(first: Calibration, second: Calibration) -> float:
+    """Return the standard deviation of the pair's delay [ns]."""
+    return 1e9 * delay_std(first, second) if states_delay(first, second) else 100.0
+
+
+def _clock_slope_prior(c: Calibration) -> float:
+    """Return the standard deviation of a clock's slope [ppm/K]; one stated over a range of temperatures bounds it."""
+    widest = max(c.temperature_high - c.temperature, c.temperature - c.temperature_low)
+    if c.covers(c.temperature) is None or not c.alpha_std:
+        return 2.0
+    return min(1e6 * c.alpha_std / widest, 2.0)
 
 
 def response(candidate: Candidate, groups: Sequence[Group], calibrations: Pair) -> np.ndarray:

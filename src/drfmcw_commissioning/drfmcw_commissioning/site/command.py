@@ -21,6 +21,7 @@ from .fit import SiteFit, fit_site
 from .groups import gather, read_marks
 from .report import sentences, table
 from .result import corrected
+from .separability import Separability, separability
 
 _PASSES = 2  # evaluations with corrected calibrations
 _SENSORS = {'temperature': 0.5, 'pressure': 100.0, 'humidity': 0.05}
@@ -49,10 +50,21 @@ def add_parser(commands: Any) -> None:
     parser.set_defaults(work=_run)
 
 
+@dataclasses.dataclass(frozen=True)
+class Site:
+    """What ranges beside reference distances come to."""
+
+    ranges: Ranges  # before any correction
+    fit: SiteFit
+    separability: Separability | None  # None where no calibration explains the site
+    documents: list[Document]  # corrected, of the first and the second station
+    sentences: list[str]
+
+
 def calibrate_site(
     path: str, marks: str | None = None, given: list[Document] | None = None, velocity: str = 'standing'
-) -> tuple[SiteFit, list[Document], list[str], Ranges]:
-    """Return fit, both stations' corrected documents, what is to be said, and the ranges before.
+) -> Site:
+    """Return what a site determines of a pair's calibration, and what would determine the rest.
 
     Args:
         path: of the recording.
@@ -90,11 +102,12 @@ def calibrate_site(
         now = read_ranges(path, [d.calibration() for d in results], velocity)
         fit = fit_site(gather(now, known), (now.calibrations[0], now.calibrations[1]), offered, held)
         results, foreign = corrected(start, fit)
-    said = sentences(fit, ranges.stations)
+    apart = separability(path, original, fit, bool(known)) if fit.explained.any() else None
+    said = sentences(fit, apart, ranges.stations)
     said += [
         f'The {c.candidate.kind} belongs to no station and is not stored: check the weather sensors.' for c in foreign
     ]
-    return fit, results, said, ranges
+    return Site(ranges, fit, apart, results, said)
 
 
 def _air_std(ranges: Ranges) -> float:
@@ -112,12 +125,14 @@ def _air_std(ranges: Ranges) -> float:
 
 def _run(arguments: argparse.Namespace) -> None:
     given = [read_document(path) for path in arguments.calibration]
-    fit, documents, said, ranges = calibrate_site(arguments.recording, arguments.marks, given, arguments.velocity)
-    print(table(fit, ranges.stations))
-    print('\n'.join(said))
+    site = calibrate_site(arguments.recording, arguments.marks, given, arguments.velocity)
+    print(table(site.fit, site.ranges.stations))
+    print('\n'.join(site.sentences))
+    if site.separability is None:
+        raise ConfigurationError(f'{arguments.recording}: no calibration explains this site; nothing is written')
     store = CalibrationStore(state_directory(os.environ, arguments.state))
     texts = {'operator': arguments.operator, 'note': arguments.note or f'site: {arguments.recording}'}
-    for document in documents:
+    for document in site.documents:
         document = dataclasses.replace(document, **texts, instrument='reference on site')
         refusal = implausible(document)
         if refusal:
@@ -127,5 +142,5 @@ def _run(arguments: argparse.Namespace) -> None:
         path = os.path.join(arguments.out, f'{document.station}.calibration.yaml')
         write_atomically(path, document.text())
         print(f'{path}: written' + (f', stored as version {document.version}' if arguments.store else ''))
-    files = ' '.join(f'--calibration {os.path.join(arguments.out, d.station)}.calibration.yaml' for d in documents)
+    files = ' '.join(f'--calibration {os.path.join(arguments.out, d.station)}.calibration.yaml' for d in site.documents)
     print(f'check: ./drfmcw replay {arguments.recording} {files}')

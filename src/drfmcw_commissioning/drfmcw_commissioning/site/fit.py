@@ -1,23 +1,24 @@
-"""Which parts of a calibration the ranges of a site correct, with covariance, rivals, and what stays unknown."""
+"""Which parts of a calibration the ranges of a site correct, and how far each number may still be off."""
 
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy import stats
 
 from .candidates import Candidate, Pair, response
 from .groups import Group
 
 ACCEPTED = 25.0
 """Fall of chi-square from which on a correction counts: 5 sigma, of a dozen candidates 1e-5 by chance (chosen)."""
-RIVAL = 9.0
-"""Difference of chi-square within which another explanation fits as well: 3 sigma (chosen)."""
 _TRUSTED_START_DELAY = 10e-9  # of T_off from its nominal value: tolerance of the integrity test [s]
 _OUTLIER = 5.0  # standard deviations from the fit from which on a group is not explained by any calibration
-_FEWEST = 3  # groups that are left, or a third of all
+_FEWEST = 3  # groups that are left
+_MOST_LEFT_OUT = 1.0 / 3.0  # of groups without doubt; beyond it corrections follow whatever else is there (chosen)
 _USEFUL = 1e-3  # displacement of a range that matters [m]
 _FLOOR = 0.1e-3  # below which means of ranges are not trusted [m]
+_POOR = 1e-3  # probability of what is left by chance, below which its scatter replaces the stated noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +29,45 @@ class Correction:
     value: float  # [units]
     std: float  # [units]
     gain: float  # of chi-square without it
-    rivals: tuple[Candidate, ...]  # which explain the ranges as well in its place
+
+
+@dataclasses.dataclass(frozen=True)
+class Undetermined:
+    """One number that could be off by more than matters without showing in the ranges."""
+
+    candidate: Candidate
+    std: float  # beside what is corrected [units]
+    displacement: float  # of a range by that much, at most [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Posterior:
+    """What the explained groups and what was known before say of every candidate."""
+
+    offered: tuple[Candidate, ...]
+    information: np.ndarray  # (candidates, candidates) inverse covariance [1/units^2]
+    pull: np.ndarray  # (candidates,) information times the most probable values [1/units]
+    corrected: Mapping[Candidate, float]  # what is corrected [units]
+
+    def step(self, free: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far some numbers most probably are from what is corrected (k,), and their covariance.
+
+        The other numbers count as they are corrected.
+        """
+        columns = [self.offered.index(c) for c in free]
+        covariance = np.linalg.inv(self.information[np.ix_(columns, columns)])
+        return covariance @ self._left[columns], covariance
+
+    def share(self, own: Sequence[Candidate]) -> float:
+        """Return the share [0..1] of some numbers in what is left, by the falls of chi-square that each would bring."""
+        falls = self._left**2 / np.diag(self.information)
+        return float(falls[[self.offered.index(c) for c in own]].sum() / max(falls.sum(), 1e-30))
+
+    @property
+    def _left(self) -> np.ndarray:
+        """Half the slope of chi-square by each candidate, after the corrections (candidates,) [1/units]."""
+        left: np.ndarray = self.pull - self.information @ [self.corrected.get(c, 0.0) for c in self.offered]
+        return left
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,13 +76,26 @@ class SiteFit:
 
     groups: tuple[Group, ...]
     corrections: tuple[Correction, ...]
-    covariance: np.ndarray  # of their values [units]
+    posterior: Posterior
     residual: np.ndarray  # (groups,) error that is left [m]
     residual_std: np.ndarray  # (groups,) its standard deviation [m]
-    explained: np.ndarray  # (groups,) whether the fit holds there
-    undetermined: tuple[tuple[Candidate, float], ...]  # and how much of a range, at most, it may hide [m]
+    explained: np.ndarray  # (groups,) whether the fit holds there; nowhere: no calibration explains the site
+    undetermined: tuple[Undetermined, ...]
     misfit: float  # chi-square per degree of freedom of the explained groups, ranges only
     before: np.ndarray  # (groups,) error of each group before any correction [m]
+
+    def errors(self, own: Sequence[Candidate]) -> np.ndarray:
+        """Return mean squares and products of the errors of some numbers as they are corrected (k, k) [units^2].
+
+        The others count as they are corrected: added in quadrature, as the fusion does, the errors of all then give
+        what the site leaves open of a range. A number that is not determined may be off by what the corrections make up
+        for. An offset that is not worth a correction is an error, which all share that would explain it.
+        """
+        free = list(own)
+        if any(u.candidate in own for u in self.undetermined):
+            free += [c for c in self.posterior.corrected if c not in own]
+        off, covariance = self.posterior.step(free)
+        return (covariance + self.posterior.share(own) * np.outer(off, off))[: len(own), : len(own)]
 
 
 def fit_site(
@@ -56,7 +108,7 @@ def fit_site(
 
     Weighted least squares on mean errors and T_off of all groups. Corrections are added one by one, the largest fall
     of chi-square first; stated standard deviations of the calibration bind them. Groups that no calibration explains
-    (clipped, reflected) are set aside and named.
+    (clipped, reflected) are set aside and named; where these are too many, nothing is corrected.
 
     Args:
         groups: of one recording.
@@ -71,33 +123,39 @@ def fit_site(
     explained = np.array([2 * g.doubtful <= g.count for g in groups], bool)
     if np.count_nonzero(explained) < _FEWEST:
         explained[:] = True
-    fewest = max(_FEWEST, len(groups) // 3)
+    sound = explained.copy()
     chosen = problem.selected(explained, kept)
-    while np.count_nonzero(explained) > fewest:
+    while np.count_nonzero(explained) > _FEWEST and np.mean(~explained[sound]) <= _MOST_LEFT_OUT:
         odd = problem.odd_one(chosen, explained, kept)
         if odd is None:
             break
         explained[odd] = False
         chosen = problem.selected(explained, kept)
-    solution, covariance, _ = problem.solve(chosen, explained)
-    residual = problem.range_error - problem.range_design[:, chosen] @ solution
-    pull = np.abs(residual) / problem.range_std
-    explained &= pull < _OUTLIER
-    predicted = np.einsum('ij,jk,ik->i', problem.range_design[:, chosen], covariance, problem.range_design[:, chosen])
+    explained &= np.abs(problem.left(chosen, problem.solve(chosen, explained)[0])) < _OUTLIER * problem.range_std
+    if np.mean(~explained[sound]) > _MOST_LEFT_OUT:
+        chosen, explained[:] = [], False
+    solution = problem.solve(chosen, explained)[0]
+    pull = problem.left(chosen, solution)[explained] / problem.range_std[explained]
+    spare = max(len(pull) - len(chosen), 1)
+    misfit = float(pull @ pull) / spare
+    widened = misfit if stats.chi2.sf(misfit * spare, spare) < _POOR else 1.0
+    posterior = problem.posterior(chosen, explained, widened)
+    covariance = posterior.step(list(posterior.corrected))[1]
+    values = np.array(list(posterior.corrected.values()))
+    design = problem.range_design[:, chosen]
     corrections = [
-        Correction(offered[j], float(solution[k]), math.sqrt(covariance[k, k]), *problem.rivals(chosen, j, explained))
+        Correction(offered[j], float(values[k]), math.sqrt(covariance[k, k]), problem.gain(chosen, j, explained))
         for k, j in enumerate(chosen)
     ]
-    spare = max(int(np.count_nonzero(explained)) - len(chosen), 1)
     return SiteFit(
         groups=tuple(groups),
         corrections=tuple(corrections),
-        covariance=covariance,
-        residual=residual,
-        residual_std=np.sqrt(problem.range_std**2 + predicted),
+        posterior=posterior,
+        residual=problem.left(chosen, values),
+        residual_std=np.sqrt(problem.range_std**2 + np.einsum('ij,jk,ik->i', design, covariance, design)),
         explained=explained,
-        undetermined=tuple(problem.undetermined(chosen, explained)),
-        misfit=float(np.sum(pull[explained] ** 2)) / spare,
+        undetermined=tuple(problem.undetermined(posterior)) if explained.any() else (),
+        misfit=misfit,
         before=problem.range_error,
     )
 
@@ -146,9 +204,13 @@ class _Problem:
             target = np.concatenate(
                 [self.range_error[rows] / self.range_std[rows], self.excess[rows] / self.excess_std[rows]]
             )
-            bound = np.diag([candidate.prior**-2 for candidate in self.offered])
-            self.known[key] = design.T @ design + bound, design.T @ target, float(target @ target)
+            self.known[key] = design.T @ design + self.bound, design.T @ target, float(target @ target)
         return self.known[key]
+
+    @property
+    def bound(self) -> np.ndarray:
+        """What was known before of all candidates: inverse covariance [1/units^2]."""
+        return np.diag([candidate.prior**-2 for candidate in self.offered])
 
     def solve(self, chosen: Sequence[int], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return values and covariance of candidates [units], and chi-square with them."""
@@ -162,7 +224,8 @@ class _Problem:
         """Return the candidates that the rows call for, in the order in which they were chosen, `kept` first."""
         chosen = list(kept)
         best = self.solve(chosen, rows)[2]
-        while len(chosen) < min(len(self.offered), int(np.count_nonzero(rows)) - 1):
+        most = min(len(self.offered), max(1, int(np.count_nonzero(rows)) - 1))
+        while len(chosen) < most:
             rest = [j for j in range(len(self.offered)) if j not in chosen]
             tried = [self.solve([*chosen, j], rows)[2] for j in rest]
             if best - min(tried) < ACCEPTED:
@@ -184,7 +247,7 @@ class _Problem:
         One correction, and no group beyond `_OUTLIER`: nothing is odd.
         """
         solution, _, chi_square = self.solve(chosen, rows)
-        pull = np.abs(self.range_error - self.range_design[:, list(chosen)] @ solution) / self.range_std
+        pull = np.abs(self.left(chosen, solution)) / self.range_std
         if len(chosen) < 2 and np.max(pull[rows]) < _OUTLIER:
             return None
         least, odd = chi_square + ACCEPTED * len(chosen), None
@@ -197,28 +260,41 @@ class _Problem:
                 least, odd = cost, int(row)
         return odd
 
-    def rivals(self, chosen: Sequence[int], own: int, rows: np.ndarray) -> tuple[float, tuple[Candidate, ...]]:
-        """Return by how much chi-square grows without a candidate, and which ones would do as well."""
-        best = self.solve(chosen, rows)[2]
-        others = [j for j in chosen if j != own]
-        found = [
-            self.offered[j]
-            for j in range(len(self.offered))
-            if j not in chosen and self.solve([*others, j], rows)[2] < best + RIVAL
-        ]
-        return self.solve(others, rows)[2] - best, tuple(found)
+    def left(self, chosen: Sequence[int], values: np.ndarray) -> np.ndarray:
+        """Return the error of each group with candidates of these values [units] corrected [m]."""
+        return self.range_error - self.range_design[:, list(chosen)] @ values
 
-    def undetermined(self, chosen: Sequence[int], rows: np.ndarray) -> list[tuple[Candidate, float]]:
-        """Return the candidates that could be off by more than matters, and by how much [m]."""
+    def gain(self, chosen: Sequence[int], own: int, rows: np.ndarray) -> float:
+        """Return by how much chi-square grows without a candidate."""
+        others = [j for j in chosen if j != own]
+        return self.solve(others, rows)[2] - self.solve(chosen, rows)[2]
+
+    def posterior(self, chosen: Sequence[int], rows: np.ndarray, widened: float) -> Posterior:
+        """Return what the groups say of all candidates; `widened` multiplies the squares of their standard deviations.
+
+        Args:
+            chosen: candidates that are corrected.
+            rows: groups that are explained.
+            widened: by how much their scatter exceeds what is stated, squared.
+        """
+        matrix, right, _ = self.normal(rows)
+        offered = tuple(self.offered)
+        found = Posterior(offered, (matrix - self.bound) / widened + self.bound, right / widened, {})
+        own = [offered[j] for j in chosen]
+        return dataclasses.replace(found, corrected=dict(zip(own, found.step(own)[0].tolist(), strict=True)))
+
+    def undetermined(self, posterior: Posterior) -> list[Undetermined]:
+        """Return the candidates that could be off by more than matters."""
         found = []
+        corrected = list(posterior.corrected)
         for j, candidate in enumerate(self.offered):
-            if j in chosen:
+            if candidate in corrected:
                 continue
-            with_it = [*chosen, j]
-            covariance = self.solve(with_it, rows)[1]
-            design = self.range_design[:, with_it]
+            covariance = posterior.step([*corrected, candidate])[1]
+            design = self.range_design[:, [*map(self.offered.index, corrected), j]]
             hidden = float(np.sqrt(np.max(np.einsum('ij,jk,ik->i', design, covariance, design))))
-            alone = math.sqrt(covariance[-1, -1]) * float(np.max(np.abs(self.range_design[:, j])))
+            std = math.sqrt(covariance[-1, -1])
+            alone = std * float(np.max(np.abs(self.range_design[:, j])))
             if alone > max(_USEFUL, 2.0 * hidden):
-                found.append((candidate, alone))
+                found.append(Undetermined(candidate, std, alone))
         return found

@@ -36,13 +36,19 @@ class Group:
     distance: float  # by the reference, mean [m]
     error: float  # mean of range minus reference [m]
     std: float  # standard deviation of that mean: noise of ranges and reference [m]
+    shared: float  # part of it that all sweeps share: that of a mark [m]
     excess: float  # mean of T_off beyond nominal [s]
     excess_std: float  # standard deviation of that mean [s]
     board: tuple[float, ...]  # mean board temperatures of the stations [degC]
     index: float  # refractive index, mean
     sweeps: tuple[SweepSettings, ...]
-    count: int
+    stamps: tuple[int, ...]  # of the sweeps [ns]
     doubtful: int  # sweeps flagged for another reason than the clocks
+
+    @property
+    def count(self) -> int:
+        """Number of sweeps."""
+        return len(self.stamps)
 
 
 def read_marks(path: Path | str) -> list[Mark]:
@@ -121,11 +127,12 @@ def _group(ranges: Ranges, rows: list[int], truth: np.ndarray, common: np.ndarra
         distance=float(np.mean(truth[rows])),
         error=float(np.average(error, weights=weights)),
         std=math.hypot(float(np.sum(weights)) ** -0.5, float(common[rows[0]])),
+        shared=float(common[rows[0]]),
         excess=float(np.mean(excess)),
         excess_std=float(np.std(excess, ddof=1)) / math.sqrt(len(rows)),
         board=tuple(float(t) for t in np.mean(ranges.board[:, rows], axis=1)),
         index=float(np.mean([r.refractive_index for r in results])),
         sweeps=ranges.sweeps[rows[0]],
-        count=len(rows),
+        stamps=tuple(r.stamp for r in results),
         doubtful=sum(bool(r.flags & ~clean) for r in results),
     )

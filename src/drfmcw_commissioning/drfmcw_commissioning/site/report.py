@@ -1,54 +1,86 @@
-"""What a site's ranges say of the calibration, in sentences."""
+"""What a site's sweeps say of the calibration, in sentences."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from .candidates import Kind
-from .fit import Correction, SiteFit
+from drfmcw_diagnosis.finding.limits import SEPARATION
+from drfmcw_diagnosis.finding.quantities import scaled
 
-_DECIDES = {
-    Kind.DELAY: 'a second reference distance, or a cable of known length',
-    Kind.CLOCK: "a frequency counter on both stations' references (calibrate station)",
-    Kind.CLOCK_SLOPE: 'a frequency counter at several board temperatures, or one distance from cold to warm',
-    Kind.DELAY_SLOPE: 'one distance with the boards at different temperatures, one station warmed at a time',
-    Kind.SAMPLE_CLOCK: 'a frequency counter on the ADC clocks, or the same distance with another T_off',
-    Kind.AIR: 'a second weather sensor, or the same distances in other weather',
-}
-"""Measurement that determines each, where ranges beside a reference do not."""
+from .fit import SiteFit
+from .separability import Rival, Separability, Size
+
+_LISTED = 8  # rivals
+_DIAGNOSE = './drfmcw diagnose may say why.'
 
 
-def sentences(fit: SiteFit, stations: Sequence[str]) -> list[str]:
+def sentences(fit: SiteFit, apart: Separability | None, stations: Sequence[str]) -> list[str]:
     """Return what was corrected, what would do as well, what is not determined, and where the fit does not hold."""
-    said = [_correction(c, stations) for c in fit.corrections]
+    if apart is None:
+        return [f'No correction: no calibration explains two thirds of these groups. {_DIAGNOSE}']
+    said = [
+        _correction(Size(c.candidate.title(stations), c.value, c.std, c.candidate.unit), seen)
+        for c, seen in itertools.zip_longest(fit.corrections, apart.by_samples)
+    ]
     if not said:
         said.append('No correction: the ranges agree with the calibration within their noise.')
-    for candidate, hidden in fit.undetermined:
+    said += _separated(apart)
+    for hidden, shown in zip(fit.undetermined, apart.showing, strict=True):
+        nothing = f'None of {apart.simulated} simulated measurements would show it.'
         said.append(
-            f'Not determined here: {candidate.title(stations)} (could displace ranges by {1e3 * hidden:.1f} mm beside '
-            f'what is fitted). It would take {_DECIDES[candidate.kind]}.'
+            f'Not determined here: {hidden.candidate.title(stations)} (could displace ranges by '
+            f'{1e3 * hidden.displacement:.1f} mm beside what is fitted). '
+            + (f'This would show it: {shown.sentence}' if shown else nothing)
         )
     for i in np.flatnonzero(~fit.explained):
         group = fit.groups[i]
         said.append(
             f'Left out: {group.distance:.1f} m, off by {1e3 * fit.residual[i]:+.1f} mm after the corrections, '
             + (f'{group.doubtful} of {group.count} sweeps flagged' if group.doubtful else 'which none explains')
-            + '. ./drfmcw diagnose may say why.'
+            + f'. {_DIAGNOSE}'
         )
     return said
 
 
-def _correction(found: Correction, stations: Sequence[str]) -> str:
-    unit = found.candidate.unit
-    digits = max(0, 1 - math.floor(math.log10(found.std)))
-    text = f'{found.candidate.title(stations)}: {found.value:+.{digits}f} +- {found.std:.{digits}f} {unit}.'
-    if found.rivals:
-        names = ' or '.join(candidate.title(stations) for candidate in found.rivals)
-        kinds = dict.fromkeys([found.candidate.kind, *(candidate.kind for candidate in found.rivals)])
-        deciding = '; '.join(dict.fromkeys(_DECIDES[kind] for kind in kinds))
-        text += f' The ranges alone cannot separate it from the {names}. This would: {deciding}.'
+def _correction(found: Size, by_samples: Size | None) -> str:
+    text = f'{found.title}: {_quantity(found)}'
+    if by_samples is None:
+        return f'{text}.'
+    text += f' (the samples alone: {_quantity(by_samples)}).'
+    if abs(found.value - by_samples.value) > SEPARATION.separable * math.hypot(found.std, by_samples.std):
+        text += ' They do not agree: something else is in the samples. ./drfmcw diagnose may say what.'
     return text
+
+
+def _separated(apart: Separability) -> list[str]:
+    """Return what fits as well as the corrections, and what would decide."""
+    said = []
+    if apart.rivals:
+        listed = '; '.join(f'{_explanation(r)} ({r.distance:.1f})' for r in apart.rivals[:_LISTED])
+        more = len(apart.rivals) - _LISTED
+        said.append(
+            f'The sweeps cannot separate this from: {listed}{f"; {more} more" if more > 0 else ""}. '
+            f'In brackets: standard deviations apart; {SEPARATION.separable:g} are needed.'
+        )
+    said += [f'Decisive measurement: {measurement.sentence}' for measurement in apart.deciding]
+    ruled_out = frozenset().union(*(m.ruled_out for m in apart.deciding))
+    left = [rival for i, rival in enumerate(apart.rivals) if i not in ruled_out]
+    if left:
+        others = '; '.join(_explanation(rival) for rival in left[:_LISTED])
+        said.append(f'None of {apart.simulated} simulated measurements would rule out: {others}.')
+    return said
+
+
+def _explanation(rival: Rival) -> str:
+    return ' and '.join(f'{size.title} {_quantity(size)}' for size in rival.sizes)
+
+
+def _quantity(size: Size) -> str:
+    factor, unit = scaled(max(abs(size.value), size.std), size.unit)
+    digits = max(0, 1 - math.floor(math.log10(size.std * factor)))
+    return f'{size.value * factor:+.{digits}f} +- {size.std * factor:.{digits}f} {unit}'
 
 
 def table(fit: SiteFit, stations: Sequence[str]) -> str:
