@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +27,9 @@ SWEEPS = 400
 """Different sweeps, given again and again with new numbers and stamps."""
 _LOOPS_BETWEEN = 5  # two looks
 _WARM_UP = 0.2  # share of the looks that is not judged: caches fill
+_DAY = 24.0  # hours that growth is stated for
+GROWTH_LIMIT = 5.0
+"""Of memory in 24 h of sweeps, above which the upper end of its confidence interval must not be [MB]."""
 _CONFIDENCE = 0.95
 _PAGE = os.sysconf('SC_PAGE_SIZE')
 
@@ -42,7 +46,7 @@ class Look:
 
 @dataclasses.dataclass(frozen=True)
 class Slope:
-    """A straight line's slope per hour of sweeps, and the half width of its 95 % confidence interval."""
+    """A straight line's slope, and the half width of its 95 % confidence interval."""
 
     value: float
     half_width: float
@@ -52,10 +56,15 @@ class Slope:
         """Whether the slope is positive beyond chance."""
         return self.value - self.half_width > 0.0
 
+    @property
+    def most(self) -> float:
+        """The upper end of the confidence interval."""
+        return self.value + self.half_width
 
-def slope(hours: Sequence[float], values: Sequence[float]) -> Slope:
-    """Return the slope of values over hours with its confidence interval (least squares, Student's t)."""
-    x, y = np.asarray(hours), np.asarray(values)
+
+def slope(times: Sequence[float], values: Sequence[float]) -> Slope:
+    """Return the slope of values over times with its confidence interval (least squares, Student's t)."""
+    x, y = np.asarray(times), np.asarray(values)
     n = len(x)
     if n < 3 or not np.ptp(x):
         return Slope(math.nan, math.inf)
@@ -66,15 +75,29 @@ def slope(hours: Sequence[float], values: Sequence[float]) -> Slope:
     return Slope(value, float(student.ppf(0.5 + _CONFIDENCE / 2.0, n - 2)) * std)
 
 
+_UNITS = {'memory': 'memory [MB]', 'descriptors': 'descriptors', 'latency': 'median time of a sweep [ms]'}
+
+
 class Soaked(Protocol):
     """What runs for hours of sweeps."""
+
+    @property
+    def process(self) -> int:
+        """Return the identifier of the process that is looked at."""
 
     @property
     def hours(self) -> float:
         """Return for how many hours of sweeps it has run."""
 
+    @property
+    def account(self) -> str:
+        """Return what happened beside the sweeps, '' for nothing."""
+
     def loop(self) -> list[float]:
         """Go on for a while; return the time that each sweep took [s]."""
+
+    def settle(self) -> None:
+        """Come to rest before a look: collect garbage, close what is no longer used."""
 
     def close(self) -> None:
         """End."""
@@ -96,6 +119,8 @@ class Soak:
         self.fusion: RangeFusion = fresh_fusion(self._case, scenario, m)
         """Of the pair."""
         self._loops = 0
+        self.process, self.account = os.getpid(), ''
+        """This one; nothing happens beside the sweeps."""
 
     @property
     def hours(self) -> float:
@@ -120,6 +145,10 @@ class Soak:
         self._loops += 1
         return taken
 
+    def settle(self) -> None:
+        """Collect garbage."""
+        gc.collect()
+
     def close(self) -> None:
         """End; nothing is left open."""
 
@@ -130,23 +159,50 @@ def run(hours: float, limit: float, soak: Soaked) -> list[Look]:
     end = time.monotonic() + limit
     while soak.hours < hours and time.monotonic() < end:
         taken = [each for _ in range(_LOOPS_BETWEEN) for each in soak.loop()]
-        gc.collect()
-        with open('/proc/self/statm', encoding='ascii') as file:
-            memory = int(file.read().split()[1]) * _PAGE / 1e6
-        looks.append(Look(soak.hours, memory, len(os.listdir('/proc/self/fd')), float(np.median(taken)) * 1e3))
+        soak.settle()
+        process = Path('/proc') / str(soak.process)
+        memory = int((process / 'statm').read_text().split()[1]) * _PAGE / 1e6
+        looks.append(Look(soak.hours, memory, len(os.listdir(process / 'fd')), float(np.median(taken)) * 1e3))
     return looks
 
 
+def judged_part(looks: Sequence[Look]) -> Sequence[Look]:
+    """Return the looks after the warm-up."""
+    return looks[round(_WARM_UP * len(looks)) :]
+
+
 def judged(looks: Sequence[Look]) -> dict[str, Slope]:
-    """Return the slopes per hour of sweeps of what was seen after the warm-up."""
-    kept = looks[round(_WARM_UP * len(looks)) :]
-    hours = [look.hours for look in kept]
-    names = ('memory', 'descriptors', 'latency')
-    return {name: slope(hours, [getattr(look, name) for look in kept]) for name in names}
+    """Return the slopes per 24 hours of sweeps of what was seen after the warm-up."""
+    kept = judged_part(looks)
+    days = [look.hours / _DAY for look in kept]
+    return {name: slope(days, [getattr(look, name) for look in kept]) for name in _UNITS}
+
+
+def table(looks: Sequence[Look]) -> str:
+    """Return what was seen as a Markdown table."""
+    first, last = judged_part(looks)[0], looks[-1]
+    rows = [
+        f'| {last.hours:.2f} h of sweeps, {len(looks)} looks | at {first.hours:.2f} h | at the end | in 24 h (95 %) |',
+        '| - | - | - | - |',
+    ]
+    for name, found in judged(looks).items():
+        values = f'{getattr(first, name):.4g} | {getattr(last, name):.4g}'
+        rows.append(f'| {_UNITS[name]} | {values} | {found.value:+.2g} +- {found.half_width:.2g} |')
+    return '\n'.join(rows)
+
+
+def leaks(looks: Sequence[Look]) -> list[str]:
+    """Return why memory or descriptors may grow too much; empty where neither does."""
+    slopes, found = judged(looks), []
+    if not slopes['memory'].most <= GROWTH_LIMIT:
+        found.append(f'memory may grow by {slopes["memory"].most:.2g} MB in 24 h, more than {GROWTH_LIMIT:g}')
+    if slopes['descriptors'].grows:
+        found.append('the number of descriptors grows')
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status: 1 where memory grows by more than 1 MB per hour, or descriptors do."""
+    """Run the command; return its exit status: 1 where memory may grow too much in 24 h, or descriptors do."""
     parser = Parser(prog='drfmcw soak', description=__doc__)
     parser.add_argument('hours', type=float, nargs='?', default=24.0, help='of sweeps at 50 per second (24)')
     parser.add_argument(
@@ -177,16 +233,15 @@ def _soak(hours: float, limit: float, soak: Soaked, path: str | None) -> int:
         looks = run(hours, 60.0 * limit, soak)
     finally:
         soak.close()
-    slopes = judged(looks)
-    units = {'memory': 'MB', 'descriptors': '', 'latency': 'ms'}
-    print(f'{looks[-1].hours:.2f} hours of sweeps, {len(looks)} looks')
-    for name, found in slopes.items():
-        last = getattr(looks[-1], name)
-        print(f'{name}: {last:.4g} {units[name]}, {found.value:+.3g} +- {found.half_width:.2g} {units[name]}/h (95 %)')
+    print(table(looks))
+    if soak.account:
+        print(soak.account)
     if path:
         write_atomically(path, json.dumps([dataclasses.asdict(look) for look in looks]) + '\n')
-    memory = slopes['memory']
-    return 1 if slopes['descriptors'].grows or memory.value - memory.half_width > 1.0 else 0
+    found = leaks(looks)
+    for reason in found:
+        print(reason, file=sys.stderr)
+    return 1 if found else 0
 
 
 if __name__ == '__main__':
