@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from checkout import CONFIG
-from scenes import scene
+from scenes import mapping, scene
 
 from drfmcw_commissioning.survey.command import main
 from drfmcw_commissioning.survey.evidence import PairEvidence, StationEvidence
@@ -17,6 +17,7 @@ from drfmcw_commissioning.survey.findings import DETECTION, find, worst
 from drfmcw_commissioning.survey.requirements import Requirements, read_requirements
 from drfmcw_commissioning.survey.verdict import Result, interval, judge, passes
 from drfmcw_physics.settings import declared_parameters
+from drfmcw_ros.calibration.document import Delay, Document, Temperatures
 from drfmcw_sim.recording import write_recording
 
 RATE = 50.0  # sweeps per second
@@ -40,6 +41,7 @@ def evidence(**changes):
             flags=np.zeros(SWEEPS, dtype=np.int64),
             temperatures=np.full(SWEEPS, 30.0),
             calibrated_at=25.0,
+            calibrated_within=(math.nan, math.nan),
         )
 
     columns = {
@@ -87,7 +89,7 @@ def test_numbers_of_a_faultless_travel_are_those_that_were_made():
     assert (found.lowest_rate, found.median_rate) == (RATE, RATE)
     assert found.longest_gap == pytest.approx(1.0 / RATE)
     assert found.accuracy == pytest.approx(2.97e-3, rel=0.1)  # 99.7 % of a normal distribution with 1 mm
-    assert found.temperature_distance == 5.0
+    assert [board.distance for board in found.boards] == [5.0, 5.0]
     assert [b.begin for b in found.bins] == [100.0, 125.0, 150.0, 175.0]
     assert all(b.reasons == () for b in found.bins)
     assert found.bins[0].margin == pytest.approx(45.0 - DETECTION, abs=1.0)
@@ -168,6 +170,27 @@ def test_each_requirement_can_fail(changes, name):
     assert verdicts(evidence(**changes))[name].result is Result.NOT_MET
 
 
+@pytest.mark.parametrize(
+    ('within', 'temperature', 'result'),
+    [
+        ((-10.0, 45.0), 45.0, Result.MET),
+        ((-10.0, 45.0), 50.0, Result.NOT_MET),  # fusion flags every range, though the reference is but 25 K away
+        ((-10.0, 45.0), -12.0, Result.NOT_MET),
+        ((-40.0, 85.0), 80.0, Result.MET),  # 55 K from the reference, which the curve knows
+        ((math.nan, math.nan), 64.0, Result.MET),
+        ((math.nan, math.nan), 66.0, Result.NOT_MET),
+        ((-10.0, 45.0), math.nan, Result.NOT_SHOWN),
+    ],
+)
+def test_board_temperature_is_judged_by_the_range_of_the_calibration(within, temperature, result):
+    """Of one station; the other one's calibration states no range and its board is 5 K from it."""
+    pair = evidence()
+    other = dataclasses.replace(pair.stations[1], calibrated_within=within, temperatures=np.full(SWEEPS, temperature))
+    changed_pair = dataclasses.replace(pair, stations=(pair.stations[0], other))
+    assert verdicts(changed_pair)['board_temperature'].result is result
+    assert 'board_temperature' not in verdicts(changed_pair, board_temperature=math.nan)
+
+
 def test_travel_that_was_not_driven_is_not_covered():
     assert verdicts(evidence(), travel_begin=50.0, travel_end=400.0)['coverage'].result is Result.NOT_MET
     assert verdicts(evidence(), travel_begin=100.0, travel_end=200.0)['coverage'].result is Result.MET
@@ -225,6 +248,19 @@ def test_good_site_is_accepted(tmp_path, capsys):
     text = page.read_text()
     assert 'meets all' in text and 'signature' in text
     assert not re.search(r'(src|href)="(?!data:)', text), 'the page needs nothing else'
+
+
+def test_board_warmer_than_its_calibration_is_refused(tmp_path):
+    """A calibration to 45 degC, a board at 50 degC, from a recording."""
+    stored = Document('master', temperature=Temperatures(25.0, -10.0, 45.0), delay=Delay(12e-9))
+    (tmp_path / 'stored.yaml').write_text(stored.text())
+    stations = mapping(DRIVE)['stations']
+    stations['master'] |= {'board_temperature': 50.0, 'calibration': str(tmp_path / 'stored.yaml')}
+    status, _, data = run(tmp_path, recorded(tmp_path, stations=stations))
+    found = {v['name']: v for v in json.loads(data.read_text())['verdicts']}['board_temperature']
+    assert status == 1 and found['result'] == 'not met'
+    assert found['measured'] == '5.0 K beyond' and "'master'" in found['note']
+    assert found['required'] == 'within the calibration, -10 to 45 degC'
 
 
 def test_disturbed_site_with_a_strayed_clock_is_refused_with_the_reasons(tmp_path, capsys):

@@ -36,6 +36,12 @@ class StationEvidence:
     flags: np.ndarray  # of BeatFrequency
     temperatures: np.ndarray  # of the board, from the status [degC]
     calibrated_at: float  # temperature of the calibration, NaN without one [degC]
+    calibrated_within: tuple[float, float]  # coldest and warmest board of the calibration, NaN where not stated [degC]
+
+    @property
+    def states_range(self) -> bool:
+        """Return whether the calibration states in which range of temperatures it holds."""
+        return math.isfinite(self.calibrated_within[0])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -220,7 +226,15 @@ def _station(
         flags=np.array([beat.flags for beat in beats], dtype=np.int64),
         temperatures=np.array([settings.temperature(beat) for beat in beats]),
         calibrated_at=calibration.temperature if calibration is not None else math.nan,
+        calibrated_within=_range(calibration),
     )
+
+
+def _range(calibration: Calibration | None) -> tuple[float, float]:
+    """Return the range of board temperatures that a calibration states, NaN where it states none [degC]."""
+    if calibration is None or calibration.covers(calibration.temperature) is None:
+        return math.nan, math.nan
+    return calibration.temperature_low, calibration.temperature_high
 
 
 def _expected(own: Station | None, peer: Station | None, distance: float) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from drfmcw_node.estimators.estimation import Flag as BeatFlag
 
-from .evidence import PairEvidence
+from .evidence import PairEvidence, StationEvidence
 from .requirements import Requirements
 
 DETECTION = 15.5
@@ -57,6 +57,15 @@ class BinFinding:
 
 
 @dataclasses.dataclass(frozen=True)
+class BoardFinding:
+    """The board of one station."""
+
+    station: str
+    distance: float  # largest, from the range of the calibration, or from its temperature where it states none [K]
+    within: tuple[float, float] | None  # the range [degC]
+
+
+@dataclasses.dataclass(frozen=True)
 class PairFinding:
     """One pair on the whole travel; NaN stands for what cannot be determined."""
 
@@ -70,7 +79,7 @@ class PairFinding:
     median_rate: float  # [Hz]
     longest_gap: float  # [s]
     clock_difference: float  # median [ppm]
-    temperature_distance: float  # largest, of a board from its calibration [K]
+    boards: tuple[BoardFinding, ...]  # of each station
     travel: tuple[float, float]  # [m]
     covered: float  # share of the travel that lies in bins with enough usable ranges
     bins: tuple[BinFinding, ...]
@@ -104,7 +113,7 @@ def find(pair: PairEvidence, requirements: Requirements) -> PairFinding:
         median_rate=float(np.median(rates)) if len(rates) else math.nan,
         longest_gap=_longest_gap(pair.stamps, pair.sweep_ids, usable),
         clock_difference=_median(pair.clock_difference[usable]),
-        temperature_distance=_temperature_distance(pair),
+        boards=tuple(_board(station) for station in pair.stations),
         travel=travel,
         covered=_covered(bins, travel, requirements.bin_count),
         bins=bins,
@@ -152,11 +161,16 @@ def _longest_gap(stamps: np.ndarray, numbers: np.ndarray, usable: np.ndarray) ->
     return float(times[between].max()) if between.any() else normal
 
 
-def _temperature_distance(pair: PairEvidence) -> float:
-    """Return the largest distance of a board's temperature from its calibration [K]."""
-    found = [np.abs(s.temperatures - s.calibrated_at) for s in pair.stations]
-    values = np.concatenate(found)
-    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
+def _board(station: StationEvidence) -> BoardFinding:
+    """Return how warm a board was beside its calibration, by the rule that fusion flags ranges by."""
+    temperatures = station.temperatures[np.isfinite(station.temperatures)]
+    coldest, warmest = station.calibrated_within
+    if station.states_range:
+        distances = np.maximum(0.0, np.maximum(coldest - temperatures, temperatures - warmest))
+    else:
+        distances = np.abs(temperatures - station.calibrated_at)
+    distance = float(distances.max()) if len(distances) else math.nan
+    return BoardFinding(station.name, distance, (coldest, warmest) if station.states_range else None)
 
 
 def _covered(bins: tuple[BinFinding, ...], travel: tuple[float, float], count: int) -> float:

@@ -105,7 +105,10 @@ def conditions_plot(pair: PairEvidence) -> bytes:
     clocks.set_ylabel('clock difference [ppm]')
     for station, colour in zip(pair.stations, _COLOURS, strict=False):
         boards.plot(minutes[thin], station.temperatures[thin], '-', color=colour, label=station.name)
-        if math.isfinite(station.calibrated_at):
+        if station.states_range:
+            for bound in station.calibrated_within:
+                boards.axhline(bound, color=colour, ls=':', lw=1)
+        elif math.isfinite(station.calibrated_at):
             boards.axhline(station.calibrated_at, color=colour, ls=':', lw=1, label=f'{station.name}, calibration')
     boards.set_ylabel('board [degC]')
     boards.set_xlabel('time [min]')

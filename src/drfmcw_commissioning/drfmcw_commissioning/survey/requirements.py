@@ -69,7 +69,8 @@ class Requirements:
         unit='K',
         bounds=(0.0, 300.0),
         nan_means=_NOT_REQUIRED,
-        description="largest distance of a board's temperature from that of its calibration",
+        description="largest distance of a board's temperature from that of its calibration; where the calibration "
+        'states a range, the board must be within it instead',
     )
     wrong: float = parameter(
         0.0,

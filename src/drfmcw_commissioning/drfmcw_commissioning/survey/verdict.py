@@ -135,9 +135,21 @@ def _clocks(f: PairFinding, r: Requirements, bins: list[BinFinding]) -> Verdict 
 
 
 def _temperature(f: PairFinding, r: Requirements, bins: list[BinFinding]) -> Verdict | None:
-    texts = (f'at most {r.board_temperature:g} K from the calibration', f'{f.temperature_distance:.1f} K')
+    """Judge the board that is furthest beyond its limit: the calibration's own range, where it states one."""
+    over = [board.distance - (0.0 if board.within else r.board_temperature) for board in f.boards]
+    unknown = any(math.isnan(board.distance) for board in f.boards)
+    worst = f.boards[over.index(max(over))] if f.boards and not unknown else None
+    required, measured = f'at most {r.board_temperature:g} K from the calibration', ''
+    if worst and worst.within:
+        required = f'within the calibration, {worst.within[0]:g} to {worst.within[1]:g} degC'
+        measured = f'{worst.distance:.1f} K beyond' if worst.distance else 'within'
+    elif worst:
+        measured = f'{worst.distance:.1f} K'
     missing = 'the recording lacks status or calibration of a station'
-    return _compared(f, 'board_temperature', r.board_temperature, f.temperature_distance, texts, missing)
+    limit = math.nan if math.isnan(r.board_temperature) else 0.0
+    value = max(over) if worst else math.nan
+    note = f"board of '{worst.station}'" if worst else ''
+    return _compared(f, 'board_temperature', limit, value, (required, measured), missing, note)
 
 
 def _wrong(f: PairFinding, r: Requirements, bins: list[BinFinding]) -> Verdict | None:
