@@ -97,8 +97,8 @@ class GatewaySoak:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        self._modbus = ModbusTcpClient('127.0.0.1', port=self._settings.modbus_port)
-        self._client = Client(self._settings.endpoint)
+        self._modbus = self._modbus_client()
+        self._client = self._opcua_client()
         self._wait(self._subscribe())
 
     @property
@@ -135,6 +135,13 @@ class GatewaySoak:
     def _wait(self, work: Coroutine[Any, Any, Any]) -> Any:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(_LIMIT)
 
+    def _modbus_client(self) -> ModbusTcpClient:
+        return ModbusTcpClient('127.0.0.1', port=self._settings.modbus_port, timeout=_LIMIT)
+
+    def _opcua_client(self) -> Client:
+        """Return a client that does not give up before its processes get their turn on a busy machine."""
+        return Client(self._settings.endpoint, timeout=_LIMIT, watchdog_intervall=_LIMIT)
+
     async def _subscribe(self) -> None:
         await self._client.connect()
         names = [f'{pair}/{name}' for pair in PAIRS for name in _SUBSCRIBED] + [_HEARTBEAT]
@@ -150,7 +157,7 @@ class GatewaySoak:
 
     async def _visit(self, secured: bool) -> None:
         """Connect, read and leave, as another OPC UA client."""
-        client = Client(self._settings.endpoint)
+        client = self._opcua_client()
         if secured:
             names = certificate_of(str(self._own)).extensions.get_extension_for_class(x509.SubjectAlternativeName)
             client.application_uri = names.value.get_values_for_type(x509.UniformResourceIdentifier)[0]
@@ -199,7 +206,8 @@ class GatewaySoak:
         end = time.monotonic() + _LIMIT
         while name not in self._seen or not holds(self._seen[name]):
             if time.monotonic() > end:
-                raise ConfigurationError(f'{name} by OPC UA is {self._seen.get(name)} after {self._slots} ranges')
+                seen = self._seen.get(name)
+                raise ConfigurationError(f'{name} by OPC UA stays {seen and seen.Value} after {self._slots} ranges')
             time.sleep(0.005)
 
     # --- what happens in turn ---
@@ -225,7 +233,7 @@ class GatewaySoak:
         secured = not self.visits % _SECURED_EVERY
         self.secured += secured
         self._wait(self._visit(secured))
-        with ModbusTcpClient('127.0.0.1', port=self._settings.modbus_port) as visitor:
+        with self._modbus_client() as visitor:
             visitor.write_register(0, self._slots % 65536)
         return taken
 
