@@ -9,8 +9,10 @@ import struct
 import time
 
 import pytest
+from lifecycle_msgs.msg import Transition
 from ports import free_port
 from test_graph import LIMIT, STANDING, scenario_file, site
+from test_lifecycle import change
 
 from drfmcw_bringup.graph import FOLLOWER, FUSION, GATEWAY, parameters
 from drfmcw_gateway.quantities import BLOCK, PAIR_QUANTITIES, offsets
@@ -90,12 +92,46 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
         assert math.isnan(block(ports['modbus_port'])[2])
         live.wait(lambda: opcua(ports['opcua_port'], 'range')[1].name == 'BadNoCommunication', 'silence in OPC UA')
         # the time-out or the middleware's lease may end first; the lost publisher is named in any case
-        live.wait(lambda: "stop: fusion's process is gone" in live.log('follower'), 'the follower to stop')
+        live.wait(lambda: 'stop: fusion gives no sign of life' in live.log('follower'), 'the follower to stop')
 
         live.graph.start('fusion again', FUSION, '--pair', 'master/slave')
         live.wait(lambda: state() == Quality.VALID, 'valid ranges again')
         assert block(ports['modbus_port'])[1] > counter
         live.wait(lambda: live.log('follower').count('drive: the range is valid') == 2, 'the follower to drive again')
+
+
+def test_follower_stops_when_fusion_hangs_or_is_deactivated(tmp_path):
+    """Its process lives in both cases; deadline and liveliness of the middleware notice both, beside the time-out."""
+    path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.02})
+    with site(tmp_path) as live:
+        live.graph.start('follower', FOLLOWER, *parameters({'timeout': 1.0, 'age_limit': 20.0, 'margin': 1.0}))
+        live.start(path, {})
+
+        def value(name):
+            return live.value('/follow_range: Range master/slave', name)
+
+        def drives(times):
+            live.wait(lambda: live.log('follower').count('drive: the range is valid') >= times, f'drive {times}')
+            live.wait(lambda: value('publishers alive') == '1', 'a publisher that is alive')
+            return int(value('deadlines missed'))
+
+        def stops(missed):
+            live.wait(lambda: value('publishers alive') == '0', 'no sign of life')
+            live.wait(lambda: int(value('deadlines missed')) >= missed + 5, 'deadlines that were missed')
+            assert live.graph.members['fusion'].process.poll() is None
+            last = [line for line in live.log('follower').splitlines() if 'master/slave: ' in line][-1]
+            assert 'stop: ' in last
+
+        missed = drives(1)
+        fusion = live.graph.members['fusion'].process
+        fusion.send_signal(signal.SIGSTOP)
+        stops(missed)
+        fusion.send_signal(signal.SIGCONT)
+        missed = drives(2)
+        assert change(live, '/fusion', Transition.TRANSITION_DEACTIVATE)
+        stops(missed)
+        assert change(live, '/fusion', Transition.TRANSITION_ACTIVATE)
+        drives(3)
 
 
 def test_subscriber_that_asks_for_more_than_is_offered_is_warned(tmp_path):

@@ -123,6 +123,15 @@ class FusionNode(ManagedNode):
         for topic, kind in _WEATHER_TYPES.items():
             self._first.readings(kind, topic, functools.partial(self._weather, topic))
 
+    def activate(self) -> None:
+        """Begin to give signs of life: from the executor that makes the ranges, so that they end when it hangs."""
+        publishers = [p for state in self._pairs.values() for p in (state.range_publisher, state.sensor_publisher)]
+        self._life = qos.live(self, publishers)
+
+    def deactivate(self) -> None:
+        """End the signs of life: nobody may wait for ranges of a node that makes none."""
+        self.destroy_timer(self._life)
+
     def _listen_to(self, station: str) -> None:
         latched = qos.latched_subscription(_LARGEST_PAIR_COUNT)
         self._first.subscription(SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)

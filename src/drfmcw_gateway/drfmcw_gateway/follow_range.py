@@ -60,7 +60,7 @@ class FollowerSettings:
         qos.RANGE_LEASE,
         unit='s',
         bounds=(0.01, 600.0),
-        description="after which fusion's process counts as dead, likewise",
+        description='without a sign of life, after which fusion counts as dead, likewise',
         structural=True,
     )
 
@@ -145,7 +145,7 @@ class Follower(Node):
         reading = self._state.reading(time.monotonic(), clock, margin=settings.period)
         decision = decide(reading, settings)
         if self._alive == 0 and reading.state != Quality.NO_RANGE:
-            decision = Decision(Speed.STOP, "fusion's process is gone")
+            decision = Decision(Speed.STOP, 'fusion gives no sign of life')
         if decision != self._decision:
             self._decision = decision
             self._announce(decision)
@@ -161,7 +161,7 @@ class Follower(Node):
         self._look()
 
     def _liveliness_changed(self, event: Any) -> None:
-        """Stop without waiting for the time-out when the last publisher is gone."""
+        """Stop without waiting for the time-out when the last publisher died, hangs or was deactivated."""
         self._alive = event.alive_count
         self._deaths += max(0, -event.alive_count_change)
         self._look()

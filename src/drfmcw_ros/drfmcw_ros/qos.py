@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -12,6 +13,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from . import streams
@@ -44,8 +46,8 @@ LATCHED = QoSProfile(
 """Settings and calibration: the last one reaches late joiners."""
 
 RANGE_DEADLINE, RANGE_LEASE = 0.1, 1.0
-"""What the publisher of ranges offers: a range at least so often, and a sign of life of its process [s]. A subscriber
-may ask for the same or more; one that asks for nothing gets ranges as ever."""
+"""What the publisher of ranges offers: a range at least so often, and a sign of life [s]. A subscriber may ask for the
+same or more; one that asks for nothing gets ranges as ever."""
 
 WEATHER = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -67,12 +69,17 @@ _SWITCH = 'declare_qos_overrides'
 _HELD = 1000  # messages of latched topics, one of each publisher or several
 
 
-def range_profile(deadline: float = RANGE_DEADLINE, lease: float = RANGE_LEASE) -> QoSProfile:
-    """Return the profile of ranges: a missed deadline and a publisher whose process died are events.
+def range_profile(
+    deadline: float = RANGE_DEADLINE,
+    lease: float = RANGE_LEASE,
+    liveliness: LivelinessPolicy = LivelinessPolicy.AUTOMATIC,
+) -> QoSProfile:
+    """Return the profile of ranges: a missed deadline and a publisher that gives no sign of life are events.
 
     Args:
         deadline: between two ranges [s]; what a subscriber asks for must not be below what the publisher offers.
-        lease: after which a process that gives no sign of life counts as dead [s]; likewise.
+        lease: after which a publisher without a sign of life counts as dead [s]; likewise.
+        liveliness: who gives the signs; a subscriber that asks for AUTOMATIC takes those of any publisher.
     """
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -80,13 +87,15 @@ def range_profile(deadline: float = RANGE_DEADLINE, lease: float = RANGE_LEASE) 
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.VOLATILE,
         deadline=Duration(seconds=deadline),
-        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness=liveliness,
         liveliness_lease_duration=Duration(seconds=lease),
     )
 
 
-RANGE = range_profile()
-"""Ranges, as fusion publishes them."""
+RANGE = range_profile(liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
+"""Ranges, as fusion publishes them: its executor gives the signs of life, not the middleware's threads (`live`)."""
+
+_SIGNS = 4  # of life within a lease
 
 _INFINITE = Duration(seconds=9223372036, nanoseconds=854775807).nanoseconds  # as the middleware writes it
 _TIMED = (QoSPolicyKind.DEADLINE, QoSPolicyKind.LIVELINESS, QoSPolicyKind.LIVELINESS_LEASE_DURATION)
@@ -139,6 +148,25 @@ def publisher(
     """
     options = _overriding(node, topic, 'publisher', instance, profile)
     return node.create_publisher(message_type, topic, _copy(profile), qos_overriding_options=options)
+
+
+def live(node: Node, publishers: Sequence[Publisher]) -> Timer:
+    """Give signs of life for publishers from the node's executor until the timer that is returned is destroyed.
+
+    Args:
+        node: whose executor must not hang for longer than the shortest lease.
+        publishers: with a lease, such as those with `RANGE`.
+    """
+
+    def sign() -> None:
+        for publisher in publishers:
+            publisher.assert_liveliness()
+
+    sign()
+    leases = [publisher.qos_profile.liveliness_lease_duration.nanoseconds or _INFINITE for publisher in publishers]
+    return node.create_timer(
+        1e-9 * min(leases, default=_INFINITE) / _SIGNS, sign, clock=Clock(clock_type=ClockType.STEADY_TIME)
+    )
 
 
 def _copy(profile: QoSProfile) -> QoSProfile:

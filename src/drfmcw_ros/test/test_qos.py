@@ -6,6 +6,7 @@ import time
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -105,6 +106,65 @@ def test_overrides_are_listed_behind_one_switch(context, switch):
         qos.publisher(node, Temperature, 'a', qos.RELIABLE)
         qos.subscription(node, Temperature, 'b', print, qos.RELIABLE)
         assert sum(n.startswith('qos_overrides') for n in node._parameters) == (6 if switch else 0)
+
+
+class Heard:
+    """What a subscription with the profile of ranges is notified of."""
+
+    def __init__(self, node):
+        self.alive = self.missed = 0
+        self.incompatible = False
+        events = SubscriptionEventCallbacks(
+            liveliness=self._liveliness, deadline=self._deadline, incompatible_qos=self._incompatible
+        )
+        qos.subscription(node, Temperature, TOPIC, lambda m: None, qos.range_profile(), events=events)
+
+    def _liveliness(self, event):
+        self.alive = event.alive_count
+
+    def _deadline(self, event):
+        self.missed = event.total_count
+
+    def _incompatible(self, event):
+        self.incompatible = True
+
+
+def test_publisher_is_alive_while_its_executor_runs_and_not_longer(context):
+    """Signs come from the executor: one that hangs gives none, though the middleware's threads live on.
+
+    The subscriber asks for automatic liveliness, which the offer includes.
+    """
+    with spinning(context, listener={}) as (listener, _), spinning(context, giver={}) as (giver, _):
+        heard = Heard(listener)
+        sender = qos.publisher(giver, Temperature, TOPIC, qos.RANGE)
+        signs = qos.live(giver, [sender])
+
+        def wait(alive, *nodes):
+            end = time.monotonic() + LIMIT
+            while heard.alive != alive:
+                assert time.monotonic() < end
+                for node in nodes:
+                    node.executor.spin_once(0.01)
+
+        for _ in range(2):
+            wait(1, listener, giver)
+            wait(0, listener)
+        wait(1, listener, giver)
+        giver.destroy_timer(signs)
+        wait(0, listener, giver)
+        assert not heard.incompatible
+
+
+def test_silence_between_two_messages_is_an_event_of_the_deadline(context):
+    """Signs of life go on: the deadline is about messages, the lease about the publisher."""
+    with spinning(context, listener={}, giver={}) as (listener, giver, until):
+        heard = Heard(listener)
+        sender = qos.publisher(giver, Temperature, TOPIC, qos.RANGE)
+        qos.live(giver, [sender])
+        until(sender.get_subscription_count)
+        sender.publish(reading(7.0))
+        until(lambda: heard.missed >= 3)
+        assert heard.alive == 1
 
 
 def test_two_stations_do_not_hide_each_other_in_the_diagnostics(context):
