@@ -35,7 +35,8 @@ def expected_wheels(root, environ):
 
 def expected_build(root, environ):
     """What the stamp of the built workspace has to say."""
-    return {"wheels": expected_wheels(root, environ), "sources": _digest(root, _build_inputs(root), _share_names(root))}
+    inputs = _build_inputs(packages(root, environ))
+    return {"wheels": expected_wheels(root, environ), "sources": _digest(root, inputs, _share_names(root))}
 
 
 def is_ready(root, environ):
@@ -80,10 +81,20 @@ def _requirement_files(root):
     return [os.path.join(folder, name) for name in os.listdir(folder) if name.startswith("requirements")]
 
 
-def _build_inputs(root):
+def packages(root, environ):
+    """Folders of the packages that are built."""
+    return _list(os.path.join(root, "src")) + lacking(root, environ)
+
+
+def lacking(root, environ):
+    """Folders of the packages of ROS 2 that its wheels lack, none beside an installation of it."""
+    return [] if is_system_ros(environ) else [os.path.join(root, "setup", "tf2_msgs")]
+
+
+def _build_inputs(folders):
     """Files whose content reaches install/ by being built; Python modules are used from src/ as they are."""
     files = []
-    for package in _packages(root):
+    for package in folders:
         files += [os.path.join(package, name) for name in ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt")]
         files += _list(os.path.join(package, "msg")) + _list(os.path.join(package, "srv"))
     return [file for file in files if os.path.isfile(file)]
@@ -93,10 +104,6 @@ def _share_names(root):
     """Names of the files that install/ links to: their content is always the current one."""
     bringup = os.path.join(root, "src", "drfmcw_bringup")
     return [os.path.relpath(file, root) for name in ("launch", "config") for file in _list(os.path.join(bringup, name))]
-
-
-def _packages(root):
-    return _list(os.path.join(root, "src"))
 
 
 def _list(folder):

@@ -1,4 +1,4 @@
-"""Builds src/ into install/ with colcon."""
+"""Builds src/, and what the wheels lack of ROS 2, into install/ with colcon."""
 
 import os
 import re
@@ -15,7 +15,7 @@ _STEP = re.compile(r"\[\s*(\d+)(?:/(\d+)|%)\]")
 def build(root, progress, lock):
     """Build all packages; raises SetupError when that fails."""
     os.makedirs(os.path.join(root, "log"), exist_ok=True)
-    packages = len([name for name in os.listdir(os.path.join(root, "src")) if name.startswith("drfmcw_")])
+    packages = len(stamp.packages(root, os.environ))
     finished, share, last = 0, 0.0, []
     with open(os.path.join(root, LOG), "w") as log, subprocess.Popen(
         command(root), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace", cwd=root,
@@ -44,7 +44,8 @@ def command(root):
     if not stamp.is_system_ros(os.environ):
         cmake += ["-G", "Ninja"]  # comes with the wheels; g++ alone does not bring make
     colcon = [python, "-c", "import sys; from colcon_core.command import main; sys.exit(main())"]
-    return [*colcon, "--log-base", os.path.join(root, "log"), "build", "--base-paths", os.path.join(root, "src"),
+    paths = [os.path.join(root, "src"), *stamp.lacking(root, os.environ)]
+    return [*colcon, "--log-base", os.path.join(root, "log"), "build", "--base-paths", *paths,
             "--build-base", os.path.join(root, "build"), "--install-base", os.path.join(root, "install"),
             "--merge-install", "--symlink-install", "--event-handlers", "console_direct+", "console_cohesion-",
             "--cmake-args", *cmake]  # fmt: skip

@@ -8,16 +8,21 @@ import socket
 import struct
 import time
 
+import numpy as np
 import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
 from ports import free_port
+from sensor_msgs.msg import JointState
 from test_graph import LIMIT, STANDING, scenario_file, site
 from test_lifecycle import change
+from tf2_msgs.msg import TFMessage
 
-from drfmcw_bringup.graph import FOLLOWER, FUSION, GATEWAY, parameters
+from drfmcw_bringup.graph import FOLLOWER, FRAMES, FUSION, GATEWAY, parameters
 from drfmcw_gateway.quantities import BLOCK, PAIR_QUANTITIES, offsets
 from drfmcw_gateway.reading import STATES, Quality
 from drfmcw_ros import qos
+from drfmcw_ros.messages import stamp_ns
 
 pytestmark = pytest.mark.graph
 
@@ -132,6 +137,66 @@ def test_follower_stops_when_fusion_hangs_or_is_deactivated(tmp_path):
         stops(missed)
         assert change(live, '/fusion', Transition.TRANSITION_ACTIVATE)
         drives(3)
+
+
+def test_frames_follow_the_range_and_stand_still_without_it(tmp_path):
+    """Pose, joint and /tf: the antennas are as far apart in the frames as the range says, until fusion dies."""
+    geometry = {'fixed_x': -2.0, 'fixed_z': 12.0, 'crane_x': -1.5, 'crane_y': 0.5, 'crane_z': 8.0}
+    path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.05})
+    with site(tmp_path) as live:
+        poses, joints, moved, fixed = [], [], [], []
+        subscribe = live.monitor.create_subscription
+        subscribe(PoseWithCovarianceStamped, '/master/slave/pose', poses.append, qos.RELIABLE)
+        subscribe(JointState, '/joint_states', joints.append, qos.RELIABLE)
+        subscribe(TFMessage, '/tf', lambda m: moved.extend(m.transforms), qos.RELIABLE)
+        subscribe(TFMessage, '/tf_static', lambda m: fixed.extend(m.transforms), qos.LATCHED)
+        live.graph.start('frames', FRAMES, *parameters({**geometry, 'interval': 0.0}))
+        live.start(path, {})
+
+        def counts():
+            return len(poses), len(joints), len(moved)
+
+        def all_beyond(before):
+            return all(now >= n + 20 for now, n in zip(counts(), before, strict=True))
+
+        def silent():
+            found = live.diagnostics.get(('master/slave', '/frames: Pose'))
+            return found is not None and found.message == 'no range'
+
+        live.wait(lambda: all_beyond((0, 0, 0)) and len(fixed) == 2, 'the frames')
+        live.wait(lambda: not silent(), 'diagnostics that see ranges')
+        os.kill(live.graph.members['fusion'].process.pid, signal.SIGKILL)
+        live.wait(silent, 'diagnostics that see none')
+        before = counts()
+        for _ in range(2):
+            live.diagnostics.clear()
+            live.wait(silent, 'another second')
+        assert counts() == before
+        live.graph.start('fusion again', FUSION, '--pair', 'master/slave')
+        live.wait(lambda: all_beyond(before), 'the frames again')
+
+        places = {t.child_frame_id: (t.header.frame_id, xyz(t.transform.translation)) for t in fixed}
+        assert {child: parent for child, (parent, _) in places.items()} == {
+            'master_antenna': 'rail', 'slave_antenna': 'crane',
+        }  # fmt: skip
+        ranges = {stamp_ns(a.message.header.stamp): a.message for a in live.monitor.arrivals}
+        between = places['slave_antenna'][1] - places['master_antenna'][1]
+        compared = 0
+        for transform, pose, joint in zip(moved, poses, joints, strict=False):
+            stamp = stamp_ns(transform.header.stamp)
+            assert stamp == stamp_ns(pose.header.stamp) == stamp_ns(joint.header.stamp)
+            assert (transform.header.frame_id, transform.child_frame_id) == ('rail', 'crane')
+            if stamp in ranges:
+                crane = xyz(transform.transform.translation)
+                assert np.linalg.norm(crane + between) == pytest.approx(ranges[stamp].range, abs=1e-9)
+                assert joint.position[0] == pose.pose.pose.position.x == crane[0]
+                compared += 1
+        assert compared >= 20
+
+
+def xyz(vector):
+    """A point or vector as an array [m]."""
+    return np.array([vector.x, vector.y, vector.z])
 
 
 def test_subscriber_that_asks_for_more_than_is_offered_is_warned(tmp_path):

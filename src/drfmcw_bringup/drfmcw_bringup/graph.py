@@ -21,6 +21,7 @@ from drfmcw_ros.work import children
 SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drfmcw_fusion.fusion'
 PAIR_STATION, RECORDER, REPLAY = 'drfmcw_node.pair_station', 'drfmcw_ros.bag.record', 'drfmcw_fusion.replay'
 GATEWAY, FOLLOWER = 'drfmcw_gateway.gateway', 'drfmcw_gateway.follow_range'
+FRAMES = 'drfmcw_fusion.crane.frames'
 HOST = 'drfmcw_host.host'
 """Modules that run as processes."""
 

@@ -12,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
 
 from drfmcw_fusion.crane.frames import FramesNode
 from drfmcw_fusion.crane.geometry import SiteGeometry
@@ -56,14 +57,15 @@ def test_wrong_geometry_is_refused(wrong):
 
 
 @pytest.mark.graph
-def test_node_publishes_pose_and_joint_of_valid_ranges_only():
+def test_node_publishes_pose_joint_and_frame_of_valid_ranges_only():
     rclpy.init(args=[])
     given = SITE | {'interval': 0.0}
     frames = FramesNode(parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
     other = Node('other')
-    poses, joints = [], []
+    poses, joints, moved = [], [], []
     other.create_subscription(PoseWithCovarianceStamped, '/master/slave/pose', poses.append, qos.RELIABLE)
     other.create_subscription(JointState, '/joint_states', joints.append, qos.RELIABLE)
+    other.create_subscription(TFMessage, '/tf', lambda m: moved.extend(m.transforms), qos.RELIABLE)
     sender = other.create_publisher(RangeEstimate, '/master/slave/range', qos.RELIABLE)
     executor = SingleThreadedExecutor()
     executor.add_node(frames)
@@ -72,7 +74,7 @@ def test_node_publishes_pose_and_joint_of_valid_ranges_only():
     spinning.start()
     try:
         end = time.monotonic() + 30.0
-        counts = (frames._pose.get_subscription_count, frames._joint.get_subscription_count)
+        counts = [made.get_subscription_count for made in (frames._pose, frames._joint, frames._tf)]
         while not (sender.get_subscription_count() and all(count() for count in counts)):
             assert time.monotonic() < end
             time.sleep(0.02)
@@ -80,7 +82,7 @@ def test_node_publishes_pose_and_joint_of_valid_ranges_only():
             message = RangeEstimate(range=distance, range_std=0.002, flags=flags)
             message.header.stamp.sec = second
             sender.publish(message)
-        while len(poses) < 2 or len(joints) < 2:
+        while min(len(poses), len(joints), len(moved)) < 2:
             assert time.monotonic() < end
             time.sleep(0.02)
     finally:
@@ -95,3 +97,4 @@ def test_node_publishes_pose_and_joint_of_valid_ranges_only():
     assert [p.pose.pose.position.x for p in poses] == [x for x, _ in expected]
     assert [p.pose.covariance[0] for p in poses] == [s**2 for _, s in expected]
     assert [j.position[0] for j in joints] == [x for x, _ in expected]
+    assert [t.transform.translation.x for t in moved] == [x for x, _ in expected]

@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vecto
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
 
 from drfmcw_node.station_settings import antenna_frame
 from drfmcw_physics.settings import parameter
@@ -22,11 +23,6 @@ from drfmcw_ros.runner import run
 
 from ..pipeline import USELESS
 from .geometry import SiteGeometry
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:  # not among the wheels; every installed ROS 2 has it
-    TFMessage = None
 
 JOINT = 'crane_position'
 """Name of the prismatic joint between rail and crane, in urdf/crane.urdf.xacro too."""
@@ -68,9 +64,7 @@ class FramesNode(Node):
         self._pose = qos.publisher(self, PoseWithCovarianceStamped, f'/{pair}/pose', qos.RELIABLE)
         self._joint = qos.publisher(self, JointState, '/joint_states', qos.RELIABLE)
         self._tf: Any = None
-        if self._settings.value.publish_tf and TFMessage is None:
-            self.get_logger().warning('no tf2_msgs here: publishing pose and joint state, but no /tf and /tf_static')
-        elif self._settings.value.publish_tf:
+        if self._settings.value.publish_tf:
             self._tf = qos.publisher(self, TFMessage, '/tf', _TF)
             self._static = qos.publisher(self, TFMessage, '/tf_static', qos.LATCHED)
             self._static.publish(TFMessage(transforms=self._antennas()))
