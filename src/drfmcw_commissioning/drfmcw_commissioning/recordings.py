@@ -10,6 +10,7 @@ from drfmcw_fusion.offline import RecordingReplay, Reference
 from drfmcw_fusion.pipeline import RangeResult
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_node.estimators.estimation import EstimatorSettings
+from drfmcw_node.processing.records import Beat
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
@@ -23,6 +24,7 @@ class Ranges:
 
     stations: tuple[str, ...]  # first and second, or the one
     results: list[RangeResult]
+    beats: list[Beat]  # of the stations, whether or not a range came of them
     calibrations: tuple[Calibration, ...]  # of the stations, as used
     board: np.ndarray  # (stations, n) board temperatures, NaN without status [degC]
     sweeps: list[tuple[SweepSettings, ...]]  # settings of the stations at each sweep
@@ -51,7 +53,8 @@ def read_ranges(
         engine = RecordingReplay(
             bag, EstimatorSettings(estimator='ml'), FusionSettings(velocity=velocity), calibrations=calibrations
         )
-        replay = engine.run()
+        beats: list[Beat] = []
+        replay = engine.run(observe=lambda beat, result: beats.append(beat))
     pairs: dict[tuple[str, str], list[RangeResult]] = {}
     for result in replay.results:
         names = (result.first_station, result.second_station)
@@ -68,6 +71,7 @@ def read_ranges(
     return Ranges(
         stations=stations,
         results=results,
+        beats=[beat for beat in beats if beat.station in stations and beat.peer in stations],
         calibrations=tuple(given.get(s) or conditions.calibration(s, int(stamps[0])) for s in stations),
         board=np.array([conditions.board_temperature(s, stamps) for s in stations]),
         sweeps=[conditions.settings_at(stations, int(stamp)) for stamp in stamps],

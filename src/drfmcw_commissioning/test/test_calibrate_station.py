@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from drfmcw_commissioning.indoors.counter import Counter, read_counter
 from drfmcw_commissioning.indoors.noise import receiver_noise
 from drfmcw_commissioning.indoors.oscillator import oscillator_noise
 from drfmcw_node.processing.records import Sweep
+from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.calibration.document import read_document
+from drfmcw_ros.calibration.document import Clock, Document, read_document
 from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import scenario_from_mapping
@@ -23,6 +25,7 @@ from drfmcw_sim.timeline import Timeline
 
 ALPHA, ADC = 1.0 + 37e-6, 1.0 + 18e-6
 CABLE = 15.0
+CLOCK = Clock(1.000002, 1e-9)  # of the master in `scenario`
 DELAYS = {'master': 12.3e-9, 'slave': 15.8e-9}
 
 
@@ -105,6 +108,7 @@ def test_readings_at_several_temperatures_become_a_stored_curve(tmp_path, monkey
     assert main(['station', 'master', *arguments, '--store', '--state', 'state', '--reading-std', '0.001']) == 0
     said = capsys.readouterr().out
     assert 'reference clock: +3' in said and 'cubic from -10 to 45 degC' in said and 'mm at 1 km' in said
+    assert 'ppb rms, the largest' in said
     assert (tmp_path / 'curve.png').read_bytes().startswith(b'\x89PNG')
     document = read_document('master.calibration.yaml')
     assert document == CalibrationStore('state').newest('master')
@@ -178,12 +182,76 @@ def test_stations_through_a_cable(tmp_path, monkeypatch, capsys):
     assert document.noise.phase_level == pytest.approx(-90.0, abs=2.0)
 
 
+def test_stations_over_a_known_baseline_or_delay(tmp_path, monkeypatch, capsys):
+    """20 m of air, stated as a length and as a delay: the same delay within 4 standard deviations of its white part."""
+    monkeypatch.chdir(tmp_path)
+    length = 20.0
+    pair = {'first': 'master', 'second': 'slave', 'standing': {'distances': [length], 'sweeps': 40}}
+    scene = scenario(pairs=[pair], stations={'slave': {'noise_floor': -140.7}})
+    write_recording(scene, 'air')
+    w = scene.weather
+    index = float(refractive_index(*(q.at(0.0) for q in (w.temperature, w.pressure, w.humidity))))
+    found = []
+    for known in (
+        ['--baseline', f'{length}', '--length-std', '0.001'],
+        ['--delay', f'{length * index / SPEED_OF_LIGHT!r}', '--delay-std', f'{1e-3 * index / SPEED_OF_LIGHT!r}'],
+    ):
+        words = ['--path', 'air', *known, '--from', 'clocks.yaml', '--out', 'out.yaml', '--state', 'state']
+        Path('clocks.yaml').write_text(Document('master', reference_clock=CLOCK, sample_clock=CLOCK).text())
+        assert main(['station', 'master', *words]) == 0, capsys.readouterr().err
+        found.append(read_document('out.yaml').delay)
+        assert found[-1].std == pytest.approx(1e-3 * index / SPEED_OF_LIGHT, rel=0.05)
+        assert found[-1].value == pytest.approx(DELAYS['master'], abs=2e-12)
+    # the weather sensors of the simulated site scatter by 0.2 K, 20 Pa and 1 %: 1e-6 of the path
+    assert found[0].value == pytest.approx(found[1].value, abs=5e-6 * length / SPEED_OF_LIGHT)
+
+
+def test_line_at_several_start_delays_shows_a_filter_before_the_noise(tmp_path, monkeypatch, capsys):
+    """A pole at 400 kHz, behind which the noise enters: the line shows it, 5 frequencies within 5 of their sigma.
+
+    The noise of terminated antennas, white behind the filter, does not.
+    """
+    monkeypatch.chdir(tmp_path)
+    pole = 400e3
+    effect = {'effect': 'if_filter', 'station': 'master', 'pole': pole, 'noise_behind': True}
+    start_delays = (1.5e-6, 2.4e-6, 3.3e-6, 4.2e-6, 5.1e-6)
+    for number, start_delay in enumerate(start_delays):
+        write_recording(
+            dataclasses.replace(scenario(effects=[effect], mode={'start_delay_short': start_delay}), seed=number),
+            f'cable_{number}',
+        )
+    paths = [word for number in range(len(start_delays)) for word in ('--path', f'cable_{number}')]
+    cable = ['--cable', '15', '--length-std', '0.005']
+    assert main(['station', 'master', *paths, *cable, '--state', 'state', '--out', 'out.yaml']) == 0
+    assert 'IF response: the line varies by' in capsys.readouterr().out
+    response = read_document('out.yaml').if_response
+    assert response.of == 'line' and len(response.frequency) == len(start_delays)
+    frequency, gain, std = (np.array(values) for values in (response.frequency, response.gain, response.std))
+    true = -10.0 * np.log10(1.0 + (frequency / pole) ** 2)
+    assert np.ptp(true) > 4.0 and np.all(std < 0.1)
+    assert np.all(np.abs(gain - (true - np.median(true))) < 5.0 * np.hypot(std, std[len(std) // 2]) + 0.01)
+    terminated = scenario(
+        effects=[effect],
+        pairs=[
+            {'first': 'master', 'second': 'slave', 'path_loss': 300.0, 'standing': {'distances': [10.0], 'sweeps': 60}}
+        ],
+    )
+    noise = receiver_noise(*sweeps_of(terminated, 'master', 60))
+    assert np.all(np.abs(noise.gain) < 5.0 * noise.gain_std)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
         ([], 'nothing to calibrate'),
         (['--reading', 'reference:1e8', '--reading-std', '0'], 'cannot be weighed'),
-        (['--path', 'none'], '--path needs one of --cable and --baseline, and --length-std'),
+        (
+            ['--path', 'none'],
+            '--path needs one of --cable and --baseline, and --length-std; or --delay and --delay-std',
+        ),
+        (['--path', 'none', '--delay', '5e-8', '--length-std', '0.01'], '--path needs one of'),
+        (['--path', 'none', '--delay', '0', '--delay-std', '0'], '--delay 0: must be above 0'),
+        (['--path', 'none', '--cable', '15', '--length-std', '-1'], '--length-std -1: must not be below 0'),
         (['--path', 'none', '--cable', '15', '--length-std', '0.01'], 'none'),
         (['--terminated', 'none'], 'none'),
         (['--reading', 'reference:1e9'], 'ppm are plausible'),

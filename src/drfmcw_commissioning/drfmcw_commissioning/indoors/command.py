@@ -4,6 +4,7 @@ import argparse
 import csv
 import dataclasses
 import io
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -24,10 +25,19 @@ from .noise import receiver_noise
 from .oscillator import oscillator_noise
 from .path import KnownPath, path_calibration
 from .readings import CLOCKS, Reading, deviations, read_csv, typed
-from .report import clock_sentence, noise_sentence, oscillator_sentence, path_sentences, write_plot
+from .report import (
+    clock_sentence,
+    noise_sentence,
+    oscillator_sentence,
+    path_sentences,
+    response_sentence,
+    write_plot,
+)
+from .response import line_response
 from .station import with_clocks, with_noise, with_oscillator, with_path
 
 _MOST_SWEEPS = 200  # for phase noise, which more would not improve
+_STD_OF = {'cable': 'length_std', 'baseline': 'length_std', 'delay': 'delay_std'}  # options that state a path
 
 
 def add_parser(commands: Any) -> None:
@@ -58,13 +68,15 @@ def add_parser(commands: Any) -> None:
     sweeps.add_argument('--terminated', metavar='RECORDING', help='antennas terminated: noise floor, IF response')
     sweeps.add_argument(
         '--path', action='append', default=[], metavar='RECORDING',
-        help='through a cable or over a known baseline: delay, T_off, phase noise; several temperatures give the slope '
-        '(repeatable)',
+        help='through a cable or over a known baseline: delay, T_off, phase noise; several temperatures give the '
+        'slope, several T_off the IF response (repeatable)',
     )  # fmt: skip
     sweeps.add_argument('--cable', type=float, metavar='M', help='length of the cable')
     sweeps.add_argument('--velocity-factor', type=float, default=1.0, metavar='X', help='of the cable (1: electrical)')
     sweeps.add_argument('--baseline', type=float, metavar='M', help='distance between the antennas')
     sweeps.add_argument('--length-std', type=float, metavar='M', help='standard deviation of the length')
+    sweeps.add_argument('--delay', type=float, metavar='S', help='of the path, instead of a length')
+    sweeps.add_argument('--delay-std', type=float, metavar='S', help='its standard deviation')
     sweeps.add_argument('--with', dest='peer', metavar='FILE', help="the peer's calibration (stored, else recorded)")
     result = parser.add_argument_group('result')
     result.add_argument('--from', dest='base', metavar='FILE', help='document to complete (the stored one, if any)')
@@ -117,11 +129,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _check(arguments: argparse.Namespace) -> None:
     if arguments.path:
-        lengths = [x for x in (arguments.cable, arguments.baseline) if x is not None]
-        if len(lengths) != 1 or arguments.length_std is None:
-            raise ConfigurationError('--path needs one of --cable and --baseline, and --length-std')
-        if not (lengths[0] > 0.0 and arguments.length_std >= 0.0 and 0.1 <= arguments.velocity_factor <= 1.0):
-            raise ConfigurationError('--cable, --baseline, --length-std and --velocity-factor (0.1 to 1) are lengths')
+        _check_path(arguments)
     if arguments.count < 1:
         raise ConfigurationError(f'--count {arguments.count}: at least 1')
     for name in ('reading_std', 'time_base_std'):
@@ -131,6 +139,30 @@ def _check(arguments: argparse.Namespace) -> None:
         raise ConfigurationError('--reading-std 0: a reading without any uncertainty cannot be weighed')
     if arguments.keep and not arguments.counter:
         raise ConfigurationError("--keep keeps a counter's readings: give --counter")
+
+
+def _check_path(arguments: argparse.Namespace) -> None:
+    known = [name for name in _STD_OF if getattr(arguments, name) is not None]
+    stds = [name for name in sorted(set(_STD_OF.values())) if getattr(arguments, name) is not None]
+    if len(known) != 1 or stds != [_STD_OF[known[0]]]:
+        raise ConfigurationError(
+            '--path needs one of --cable and --baseline, and --length-std; or --delay and --delay-std'
+        )
+    value, std = getattr(arguments, known[0]), getattr(arguments, stds[0])
+    if not 0.0 < value < math.inf:
+        raise ConfigurationError(f'--{known[0]} {value:g}: must be above 0')
+    if not 0.0 <= std < math.inf:
+        raise ConfigurationError(f'--{stds[0].replace("_", "-")} {std:g}: must not be below 0')
+    if not 0.1 <= arguments.velocity_factor <= 1.0:
+        raise ConfigurationError(f'--velocity-factor {arguments.velocity_factor:g}: must be 0.1 to 1')
+
+
+def _known_path(arguments: argparse.Namespace) -> KnownPath:
+    if arguments.delay is not None:
+        return KnownPath.of_delay(arguments.delay, arguments.delay_std)
+    if arguments.baseline is not None:
+        return KnownPath(arguments.baseline, arguments.length_std, in_air=True)
+    return KnownPath(arguments.cable, arguments.length_std, False, arguments.velocity_factor)
 
 
 def _base(arguments: argparse.Namespace, store: CalibrationStore) -> Document:
@@ -189,10 +221,6 @@ def _over_path(
 ) -> tuple[Document, list[str]]:
     """Return the document completed by recordings over a known path, and what they say."""
     station = arguments.station
-    in_air = arguments.cable is None
-    path = KnownPath(
-        arguments.baseline if in_air else arguments.cable, arguments.length_std, in_air, arguments.velocity_factor
-    )
     settings, frames = recorded_frames(arguments.path[0], station)
     peer = settings.peer
     calibrations = _calibrations(document, peer, arguments, store)
@@ -209,9 +237,12 @@ def _over_path(
         for i in others:
             peer_delays[-1] += run.calibrations[i].delay_at(run.board[i])
     results = [result for run in runs for result in run.results]
-    found = path_calibration(results, np.concatenate(board), np.concatenate(peer_delays), path)
-    document = with_path(document, found, peer, settings.start_delay)
+    found = path_calibration(results, np.concatenate(board), np.concatenate(peer_delays), _known_path(arguments))
+    response = line_response([beat for run in runs for beat in run.beats if beat.station == station])
+    document = with_path(document, found, peer, settings.start_delay, response)
     said = path_sentences(station, peer, found)
+    if response is not None:
+        said.append(response_sentence(response))
     if peer != station:
         noise = oscillator_noise(settings, [sweep for sweep, _ in frames[:_MOST_SWEEPS]])
         document = with_oscillator(document, noise)

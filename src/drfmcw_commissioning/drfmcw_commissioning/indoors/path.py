@@ -25,6 +25,11 @@ class KnownPath:
     in_air: bool  # a baseline between antennas; else a cable
     velocity_factor: float = 1.0  # of the cable, 1: its length is the electrical one
 
+    @classmethod
+    def of_delay(cls, delay: float, std: float) -> 'KnownPath':
+        """Return the path with a delay and its standard deviation [s], as a network analyser states it."""
+        return cls(delay * SPEED_OF_LIGHT, std * SPEED_OF_LIGHT, in_air=False)
+
 
 @dataclasses.dataclass(frozen=True)
 class PathCalibration:

@@ -13,6 +13,7 @@ from .curve import Curve
 from .noise import ReceiverNoise
 from .oscillator import OscillatorNoise
 from .path import PathCalibration
+from .response import LineResponse
 
 NAMES = {'reference': 'reference clock', 'adc': 'ADC clock'}
 _START_DELAY = 3.41e-6  # T_off of the paper, for what an ADC clock does to the range [s]
@@ -28,6 +29,13 @@ def clock_sentence(clock: str, curve: Curve) -> str:
         span = np.ptp(curve.at(np.linspace(curve.low, curve.high, 200)))
         text += f', {curve.shape} from {curve.low:.4g} to {curve.high:.4g} degC (varies by {1e6 * float(span):.3g} ppm)'
     text += f'; good to +- {good:.2g} ppm, +- {1e3 * range_std(clock, curve.largest_std):.2g} mm at 1 km'
+    if not np.isnan(curve.misfit):
+        worst = int(np.argmax(np.abs(curve.residuals)))
+        rms = float(np.sqrt(np.mean(curve.residuals**2)))
+        text += (
+            f'; residuals {1e9 * rms:.2g} ppb rms, the largest {1e9 * float(curve.residuals[worst]):+.2g} ppb '
+            f'at {curve.temperatures[worst]:.4g} degC'
+        )
     if curve.high == curve.low:
         text += '; at other temperatures unknown: a crystal drifts by some tenths of a ppm per kelvin'
     if curve.widened > 1.0:
@@ -77,6 +85,16 @@ def noise_sentence(found: ReceiverNoise) -> str:
     return (
         f'noise floor: {found.floor:.2f} +- {found.floor_std:.2g} dBm/Hz from {found.sweeps} sweeps; '
         f'response over the IF within {spread:.2g} dB.'
+    )
+
+
+def response_sentence(found: LineResponse) -> str:
+    """Return what lines at several T_off say of the receiver, and what they rest on."""
+    low, high = (1e-3 * float(found.frequency[i]) for i in (0, -1))
+    return (
+        f'IF response: the line varies by {float(np.ptp(found.gain)):.2g} +- {float(found.gain_std.max()):.1g} dB at '
+        f'{len(found.frequency)} frequencies from {low:.0f} to {high:.0f} kHz (from {found.sweeps} sweeps); it passes '
+        "what lies before the receiver's noise too."
     )
 
 

@@ -18,6 +18,7 @@ from .curve import Curve
 from .noise import ReceiverNoise
 from .oscillator import OscillatorNoise
 from .path import PathCalibration
+from .response import LineResponse
 
 
 def with_clocks(document: Document, curves: dict[str, Curve]) -> Document:
@@ -29,14 +30,17 @@ def with_clocks(document: Document, curves: dict[str, Curve]) -> Document:
     return dataclasses.replace(document, **moved)
 
 
-def with_path(document: Document, found: PathCalibration, peer: str, nominal: float) -> Document:
-    """Return the document with the station's delay, which holds with this peer.
+def with_path(
+    document: Document, found: PathCalibration, peer: str, nominal: float, response: LineResponse | None = None
+) -> Document:
+    """Return the document with the station's delay, which holds with this peer, and with its IF response.
 
     Args:
         document: of the station.
         found: what a known path determined of the pair.
         peer: the other station; the station itself where it hears itself.
         nominal: T_off as set [s].
+        response: of the receiver to the line of the path, which replaces one of its noise; None keeps what is known.
     """
     at = _reference(document, [found.delay])
     curve = found.delay.about(at)
@@ -48,6 +52,8 @@ def with_path(document: Document, found: PathCalibration, peer: str, nominal: fl
         peer=peer,
     )
     document = dataclasses.replace(_at(document, at, [curve]), delay=delay)
+    if response is not None:
+        document = dataclasses.replace(document, if_response=_response(response, 'line'))
     if peer == document.station:
         return document
     start = StartDelay(nominal, found.excess, found.excess_std, found.jitter)
@@ -57,8 +63,12 @@ def with_path(document: Document, found: PathCalibration, peer: str, nominal: fl
 def with_noise(document: Document, found: ReceiverNoise) -> Document:
     """Return the document with noise floor and response of the receiver."""
     noise = dataclasses.replace(document.noise, floor=found.floor, floor_std=found.floor_std)
-    response = IfResponse(*([float(v) for v in values] for values in (found.frequency, found.gain, found.gain_std)))
-    return dataclasses.replace(document, noise=noise, if_response=response)
+    return dataclasses.replace(document, noise=noise, if_response=_response(found, 'noise'))
+
+
+def _response(found: ReceiverNoise | LineResponse, of: str) -> IfResponse:
+    frequency, gain, std = ([float(v) for v in values] for values in (found.frequency, found.gain, found.gain_std))
+    return IfResponse(frequency, gain, std, of)
 
 
 def with_oscillator(document: Document, found: OscillatorNoise) -> Document:

@@ -341,6 +341,7 @@ PHRASES: dict[str, tuple[str, str]] = {
     'cal.key.jitter': ('from sweep to sweep', 'von Sweep zu Sweep'),
     'cal.key.frequency': ('frequencies', 'Frequenzen'),
     'cal.key.gain': ('gains', 'Verstärkungen'),
+    'cal.key.of': ('what was measured', 'gemessen wurde'),
     # --- recordings ---
     'rec.start': ('Start recording', 'Aufzeichnung starten'),
     'rec.stop': ('Stop recording', 'Aufzeichnung beenden'),

@@ -97,8 +97,13 @@ class IfResponse:
     """Gain of the receiver over the intermediate frequency, for information: the range does not use it."""
 
     frequency: list[float] = parameter([], unit='Hz', description='centres of bands')
-    gain: list[float] = parameter([], unit='dB', description='of the noise in each band, relative to their median')
+    gain: list[float] = parameter([], unit='dB', description='in each band, relative to their median')
     std: list[float] = parameter([], unit='dB', description='one standard deviation of each')
+    of: str = parameter(
+        'noise',
+        choices=('noise', 'line'),
+        description='what was measured: noise, which passes what lies behind its source, or the line of a known path',
+    )
 
 
 _SECTIONS: dict[str, type] = {
