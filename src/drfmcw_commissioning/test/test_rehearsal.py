@@ -1,6 +1,7 @@
 """Rehearsed commissionings: errors against what the calibrations state, and what the curves are for."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -56,10 +57,20 @@ def test_without_the_curve_the_clocks_cost_what_equation_21_says():
 
 def test_contributions_add_up_and_stand_in_the_document():
     (delay,) = (p for p in parts() if p.name.startswith('hardware delay'))
-    assert contribution(delay, 100.0).total == pytest.approx(5e-3, rel=1e-3)
+    assert contribution(delay, 100.0) == pytest.approx(5e-3, rel=1e-3)
     (clock,) = (p for p in parts() if p.name.startswith('reference clocks, 0.02'))
-    assert contribution(clock, 1000.0).total == pytest.approx(1000.0 * 2e-8 * 2**0.5, rel=1e-3)
+    assert contribution(clock, 1000.0) == pytest.approx(1000.0 * 2e-8 * 2**0.5, rel=1e-3)
     assert table((100.0, 1000.0)).count('\n') == len(parts()) + 1
+
+
+def test_contribution_of_noise_is_the_bound_that_estimators_are_held_against():
+    """The study computes it from simulated sweeps' amplitudes: docs/estimators.md, to its rounding."""
+    document = (ROOT / 'docs/estimators.md').read_text(encoding='utf-8')
+    ((_, at_500, at_1000),) = re.findall(r'bound, floor A / B \[mm\] \|(.*) \| (.*) \| (.*) \|', document)
+    noises = [part for part in parts() if part.name.startswith('noise of one sweep')]
+    for distance, bounds in ((500.0, at_500), (1000.0, at_1000)):
+        for part, bound in zip(noises, bounds.split(' / '), strict=True):
+            assert contribution(part, distance) == pytest.approx(1e-3 * float(bound), rel=2e-3)
 
 
 def test_summary_counts_what_is_outside():

@@ -67,7 +67,7 @@ def receiver_noise(settings: SweepSettings, sweeps: Sequence[Sweep]) -> Receiver
     spread = decibel * _MEDIAN_SPREAD / math.sqrt(len(sweeps))
     centres = [np.mean(at) for at in np.array_split(np.arange(len(power)) + _EDGE, _BANDS)]
     return ReceiverNoise(
-        floor=_density(settings, float(sweeps[0].full_scale), variance / (2.0 if iq else 1.0), iq),
+        floor=density(settings, float(sweeps[0].full_scale), variance / (2.0 if iq else 1.0), iq),
         floor_std=spread / math.sqrt(len(power)),
         frequency=np.array(centres) * settings.sample_rate / count,
         gain=10.0 * np.log10(levels / np.median(levels)),
@@ -76,7 +76,7 @@ def receiver_noise(settings: SweepSettings, sweeps: Sequence[Sweep]) -> Receiver
     )
 
 
-def _density(settings: SweepSettings, full_scale: float, variance: float, iq: bool) -> float:
+def density(settings: SweepSettings, full_scale: float, variance: float, iq: bool) -> float:
     """Return the density of noise with a variance per real sample [LSB^2], as Station.noise_std has it [dBm/Hz]."""
     bandwidth = settings.sample_rate * (1.0 if iq else 0.5)
     return settings.full_scale_power + 10.0 * math.log10(2.0 * variance / full_scale**2) - 10.0 * math.log10(bandwidth)

@@ -1,20 +1,28 @@
-"""What each part of a calibration contributes to the uncertainty of a range, as a table."""
+"""What parts of a calibration, and noise, contribute to the uncertainty of a range, as a table."""
 
 import dataclasses
 import math
 from collections.abc import Sequence
 
 from drfmcw_fusion.combination import PathDelay, Station
-from drfmcw_fusion.uncertainty import UNKNOWN, Contributions, Weather, contributions
+from drfmcw_fusion.uncertainty import UNKNOWN, Weather, contributions
+from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import MODELS, refractive_index
+from drfmcw_physics.bounds import LineNoise, coloured_bound
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency
+
+from ..indoors.noise import density
 
 DISTANCES = (100.0, 1000.0)
 """Of the table in docs/sensors_and_flags.md [m]."""
 
+_PHASE_NOISE = PhaseNoise(-90.0, 200e3)
+_FULL_SCALE = 8192.0  # of the 14-bit ADC [LSB]
 _LIMIT = 650.0  # beyond which stations measure in the long-distance mode, as ModeSettings [m]
 
 
@@ -44,11 +52,24 @@ def parts() -> list[Part]:
             none,
             dataclasses.replace(air, **{f'{name}_std': std for name, std in UNKNOWN.items()}),
         ),
-    ]
+        *(
+            Part(f'noise of one sweep, {floor:g} dBm/Hz and {_PHASE_NOISE.level:g} dBc/Hz (averages)',
+                 Calibration('', noise_floor=floor, phase_noise_level=_PHASE_NOISE.level,
+                             phase_noise_corner=_PHASE_NOISE.corner), air)
+            for floor in (-157.8, -140.7)
+        ),
+    ]  # fmt: skip
 
 
-def contribution(part: Part, distance: float) -> Contributions:
-    """Return what a part contributes to a range of a pair at a distance [m]."""
+def contribution(part: Part, distance: float) -> float:
+    """Return what a part contributes to a range of a pair at a distance, one standard deviation [m]."""
+    first, second, path = _pair(part, distance)
+    constant = contributions(first, second, path, part.weather, MODELS[0]).total
+    return math.hypot(constant, _noise(first, second, path, distance))
+
+
+def _pair(part: Part, distance: float) -> tuple[Station, Station, PathDelay]:
+    """Return two stations at a distance [m], and the path between them."""
     mode, late = (Mode.LONG_DISTANCE, 0.6e-6) if distance > _LIMIT else (Mode.SHORT_DISTANCE, 3.41e-6)
     air = part.weather
     delay = distance * float(refractive_index(air.temperature, air.pressure, air.humidity)) / SPEED_OF_LIGHT
@@ -58,8 +79,29 @@ def contribution(part: Part, distance: float) -> Contributions:
         beat = Beat(own, peer, 0, 0, beat_frequency(sweep, delay, 1.0, 1.0), 1.0, 0.0, -60.0, 40.0, 0)
         stations.append(Station(beat, sweep, dataclasses.replace(part.calibration, station=own)))
     first, second = stations
-    path = PathDelay(delay, delay, 0.0, math.nan, 0.0, first.sweep.center_frequency, math.nan)
-    return contributions(first, second, path, part.weather, MODELS[0])
+    return first, second, PathDelay(delay, delay, 0.0, math.nan, 0.0, first.sweep.center_frequency, math.nan)
+
+
+def _noise(first: Station, second: Station, path: PathDelay, distance: float) -> float:
+    """Return the smallest standard deviation of a range that noise lets a sweep have, 0 where none is stated [m].
+
+    The ADC's rounding counts as additive noise; of the oscillators' noise, what the combination leaves.
+    """
+    if not math.isfinite(first.calibration.noise_floor):
+        return 0.0
+    lines, noises = [], []
+    for own, peer in ((first, second), (second, first)):
+        sweep, calibration = own.sweep, own.calibration
+        power = received_power(peer.sweep.tx_eirp, sweep.rx_antenna_gain, distance, sweep.center_frequency)
+        levels = (calibration.noise_floor, density(sweep, _FULL_SCALE, QUANTISATION, False))
+        noise = sum(10.0 ** (level / 10.0) for level in levels)
+        lines.append(LineNoise(10.0 ** (power / 10.0) / noise, own.beat.frequency, sweep.sample_rate))
+        noises.append(PhaseNoise(calibration.phase_noise_level, calibration.phase_noise_corner))
+    sweep = first.sweep
+    bound = coloured_bound(
+        tuple(lines), tuple(noises), sweep.ramp_duration - sweep.start_delay - path.delay, path.delay
+    )
+    return bound.frequency / (2.0 * abs(sweep.chirp_rate)) * distance / path.delay
 
 
 def table(distances: Sequence[float]) -> str:
@@ -69,6 +111,6 @@ def table(distances: Sequence[float]) -> str:
         '| - |' + ' -: |' * len(distances),
     ]
     for part in parts():
-        cells = [f'{1e3 * contribution(part, distance).total:.2g}' for distance in distances]
+        cells = [f'{1e3 * contribution(part, distance):.2g}' for distance in distances]
         lines.append(f'| {part.name} | ' + ' | '.join(cells) + ' |')
     return '\n'.join(lines)
