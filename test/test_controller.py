@@ -31,6 +31,7 @@ pytest.importorskip('pymodbus')
 
 START_LIMIT = 120.0  # on a busy machine [s]
 DISTANCE = 100.0  # of STANDING [m]
+MARGIN = 5.0  # of a promised time-out, on a busy machine [s]
 AT = offsets(PAIR_QUANTITIES)
 
 
@@ -68,13 +69,20 @@ def opcua(port, name):
     return asyncio.run(asyncio.wait_for(read(), LIMIT))
 
 
+def promised(live, begin, within, condition, what):
+    """Wait for what was promised within a time of `begin` on the steady clock [s]."""
+    live.wait(condition, what)
+    assert time.monotonic() - begin <= within + MARGIN, what
+
+
 def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
     """Gateway and example subscriber, beside a recorder, which the deadline that fusion offers does not disturb."""
     ports = {'modbus_port': free_port(), 'opcua_port': free_port()}
     path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.05})
     generous = {'timeout': 1.0, 'age_limit': 20.0}  # the machine may be busy
+    lost_time = 3.0
     with site(tmp_path) as live:
-        live.graph.start('gateway', GATEWAY, *parameters({**ports, **generous, 'lost_time': 3.0}))
+        live.graph.start('gateway', GATEWAY, *parameters({**ports, **generous, 'lost_time': lost_time}))
         live.graph.start('follower', FOLLOWER, *parameters({**generous, 'margin': 1.0}))
         wait_for_gateway(live, ports['modbus_port'])
         live.start(path, {}, tmp_path / 'recording')
@@ -93,11 +101,17 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
         live.wait(lambda: float(live.value('/recorder: Recording', '/master/slave/range') or 0) > 0, 'a recorded range')
 
         os.kill(live.graph.members['fusion'].process.pid, signal.SIGKILL)
-        live.wait(lambda: state() == Quality.STALE, 'silence in Modbus')
+        begin = time.monotonic()
+        promised(live, begin, generous['timeout'], lambda: state() == Quality.STALE, 'silence in Modbus')
         assert math.isnan(block(ports['modbus_port'])[2])
-        live.wait(lambda: opcua(ports['opcua_port'], 'range')[1].name == 'BadNoCommunication', 'silence in OPC UA')
         # the time-out or the middleware's lease may end first; the lost publisher is named in any case
-        live.wait(lambda: 'stop: fusion gives no sign of life' in live.log('follower'), 'the follower to stop')
+        within = max(generous['timeout'], qos.RANGE_LEASE)
+        named = 'stop: fusion gives no sign of life'
+        promised(live, begin, within, lambda: named in live.log('follower'), 'the follower to stop')
+        silent = 'BadNoCommunication'
+        promised(
+            live, begin, lost_time, lambda: opcua(ports['opcua_port'], 'range')[1].name == silent, 'silence in OPC UA'
+        )
 
         live.graph.start('fusion again', FUSION, '--pair', 'master/slave')
         live.wait(lambda: state() == Quality.VALID, 'valid ranges again')
@@ -108,8 +122,9 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
 def test_follower_stops_when_fusion_hangs_or_is_deactivated(tmp_path):
     """Its process lives in both cases; deadline and liveliness of the middleware notice both, beside the time-out."""
     path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.02})
+    timeout = 1.0
     with site(tmp_path) as live:
-        live.graph.start('follower', FOLLOWER, *parameters({'timeout': 1.0, 'age_limit': 20.0, 'margin': 1.0}))
+        live.graph.start('follower', FOLLOWER, *parameters({'timeout': timeout, 'age_limit': 20.0, 'margin': 1.0}))
         live.start(path, {})
 
         def value(name):
@@ -120,12 +135,14 @@ def test_follower_stops_when_fusion_hangs_or_is_deactivated(tmp_path):
             live.wait(lambda: value('publishers alive') == '1', 'a publisher that is alive')
             return int(value('deadlines missed'))
 
+        def decision():
+            return [line for line in live.log('follower').splitlines() if 'master/slave: ' in line][-1]
+
         def stops(missed):
+            promised(live, time.monotonic(), timeout, lambda: 'stop: ' in decision(), 'the follower to stop')
             live.wait(lambda: value('publishers alive') == '0', 'no sign of life')
             live.wait(lambda: int(value('deadlines missed')) >= missed + 5, 'deadlines that were missed')
             assert live.graph.members['fusion'].process.poll() is None
-            last = [line for line in live.log('follower').splitlines() if 'master/slave: ' in line][-1]
-            assert 'stop: ' in last
 
         missed = drives(1)
         fusion = live.graph.members['fusion'].process

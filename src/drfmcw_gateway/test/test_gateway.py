@@ -41,6 +41,7 @@ STAMP = 1_800_000_000 * SECOND + 123_456_789
 GOOD = Estimate(7, 0, 412.345678, 0.0012, -0.75, 0.011, 0, STAMP)
 AT = offsets(PAIR_QUANTITIES)
 LIMIT = 20.0  # for anything that is waited for, on a busy machine [s]
+MARGIN = 2.0  # of a promised time-out, on a busy machine [s]
 
 
 def reading_of(estimate, silence=0.0, age=0.01, **keywords):
@@ -248,14 +249,19 @@ def test_opcua_gives_value_status_and_times(site):
 
 
 def test_opcua_signals_silence_first_as_last_usable_value_then_as_bad(site):
+    """Within `timeout` and `lost_time` of the last range, and not before 80 % of them: docs/controller.md."""
+
     async def work():
         async with Client(site.url) as client:
             site.give(range=77.0)
+            begin = time.monotonic()
             await wait_for_status(client, 'a/b/range', ua.StatusCodes.Good)
             last = await wait_for_status(client, 'a/b/range', ua.StatusCodes.UncertainLastUsableValue)
+            assert 0.8 * site.settings.timeout <= time.monotonic() - begin <= site.settings.timeout + MARGIN
             assert last.Value.Value == 77.0
             assert (await read(client, 'a/b/quality')).Value.Value & STATES == Quality.STALE
             await wait_for_status(client, 'a/b/range', ua.StatusCodes.BadNoCommunication)
+            assert 0.8 * site.settings.lost_time <= time.monotonic() - begin <= site.settings.lost_time + MARGIN
 
     asyncio.run(work())
 
