@@ -27,7 +27,7 @@ def test_a_few_commissionings_hold_what_they_state():
 
 
 def test_calibration_on_the_bench_finds_the_stations():
-    """Clocks within 5 standard deviations; the sum of both delays within 5 of the cable's."""
+    """Clocks and noise floors within 5 standard deviations; the sum of both delays within 5 of the cable's."""
     documents = calibrate(np.random.default_rng(7), SHORT_BENCH)
     for name, truth in TRUTH.items():
         clock = documents[name].calibration()
@@ -35,6 +35,8 @@ def test_calibration_on_the_bench_finds_the_stations():
         assert clock.sample_clock_at(25.0) == pytest.approx(truth.sample_clock, abs=5.0 * clock.sample_clock_alpha_std)
         slope = documents[name].delay
         assert slope.slope == pytest.approx(truth.delay_slope, abs=5.0 * slope.slope_std + 1e-13)
+        noise = documents[name].noise
+        assert noise.floor == pytest.approx(truth.noise_floor, abs=5.0 * noise.floor_std) and noise.floor_std < 0.1
     total = sum(float(d.calibration().delay_at(25.0)) for d in documents.values())
     true = sum(t.delay for t in TRUTH.values())
     assert total == pytest.approx(true, abs=5.0 * 0.005 / SPEED_OF_LIGHT)
@@ -81,6 +83,15 @@ def test_summary_counts_what_is_outside():
     assert row.chi_square == pytest.approx((4.0 + 16.0) / 2)
     slight = dataclasses.replace(good, error=2e-3)
     assert summarise([[bad]] * 20)[0].systematic and not summarise([[slight]])[0].systematic
+    assert summarise([[slight]])[0].holds, 'one commissioning does not show that chi-square is not 1'
+
+
+@pytest.mark.parametrize(('scale', 'holds'), [(0.8, False), (0.95, True), (1.05, True), (1.2, False)])
+def test_errors_must_be_as_large_as_stated(scale, holds):
+    """400 normal errors (seed 8) of `scale` times what is stated: chi-square is scale squared +- 7 %."""
+    errors = np.random.default_rng(8).normal(0.0, scale * 5e-3, 400)
+    (row,) = summarise([[Outcome(100.0, float(error), 5e-3, 5e-3, 0, 0.0)] for error in errors])
+    assert row.holds == holds and not row.systematic
 
 
 def test_rehearsal_is_a_command(capsys, tmp_path):

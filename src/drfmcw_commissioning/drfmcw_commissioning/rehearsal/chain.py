@@ -13,6 +13,7 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.sweep import SweepSettings
 from drfmcw_sim.scenario import Scenario
 from drfmcw_sim.timeline import Event, Timeline
 
@@ -52,6 +53,21 @@ def evaluate(scenario: Scenario, calibrations: Mapping[str, Calibration]) -> Eva
     return Evaluated(chain.results, np.concatenate(distances), board)
 
 
+def heard(scenario: Scenario, station: str) -> tuple[SweepSettings, list[Sweep]]:
+    """Return a station's settings and the sweeps that it records in a scenario at one distance."""
+    timeline = Timeline(scenario)
+    settings = next(s for s in timeline.sweep_settings(0) if s.station == station)
+    sweeps = []
+    while len(slots := timeline.slots(_BLOCK)):
+        sweeps += [_sweep(e) for e in timeline.render(slots) if e.topic == f'/{station}/if_samples']
+        timeline.advance(len(slots))
+    return settings, sweeps
+
+
+def _sweep(event: Event) -> Sweep:
+    return Sweep(**{field.name: getattr(event.content, field.name) for field in dataclasses.fields(Sweep)})
+
+
 class _Chain:
     """Both stations' processors and the fusion."""
 
@@ -68,9 +84,7 @@ class _Chain:
         """Take in what a simulated site publishes, but for the calibrations."""
         content, name = event.content, event.topic.rpartition('/')[2]
         if name == 'if_samples':
-            self._sweeps.append(
-                Sweep(**{field.name: getattr(content, field.name) for field in dataclasses.fields(Sweep)})
-            )
+            self._sweeps.append(_sweep(event))
         elif name == 'sweep_config':
             for consumer in (self._processor, self._fusion):
                 consumer.add_sweep_config(content)

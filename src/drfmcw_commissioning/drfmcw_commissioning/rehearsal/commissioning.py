@@ -13,9 +13,10 @@ from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 from drfmcw_sim.trajectory import Standing
 
 from ..indoors.curve import fit
+from ..indoors.noise import receiver_noise
 from ..indoors.path import KnownPath, path_calibration
-from ..indoors.station import with_clocks, with_path
-from .chain import Evaluated, evaluate
+from ..indoors.station import with_clocks, with_noise, with_path
+from .chain import Evaluated, evaluate, heard
 
 FIRST, SECOND = 'slave', 'master'
 """The slower reference starts first: references 59 ppm apart act as 2.3 us of T_off, which T_off makes up for."""
@@ -52,6 +53,7 @@ class Bench:
     cable_std: float = 0.005  # [m]
     chambers: tuple[float, ...] = (-10.0, 4.0, 18.0, 32.0, 45.0)  # board temperatures of recordings through the cable
     sweeps: int = 8  # at each
+    terminated: int = 20  # sweeps with the antennas terminated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,8 +97,15 @@ def commission(seed: int, bench: Bench | None = None, field: Field | None = None
 
 
 def calibrate(random: np.random.Generator, bench: Bench) -> dict[str, Document]:
-    """Return the documents of both stations: clocks by a counter, then each in a chamber, the other at 25 degC."""
+    """Return the documents of both stations.
+
+    Clocks by a counter, noise floors with the antennas terminated, then each in a chamber, the other at 25 degC.
+    """
     documents = {name: _clocks(name, random, bench) for name in TRUTH}
+    dark = random.spawn(1)[0]
+    for name, document in documents.items():
+        terminated = _scenario(dark, bench.cable, dict.fromkeys(TRUTH, 25.0), bench.terminated, _TERMINATED)
+        documents[name] = with_noise(document, receiver_noise(*heard(terminated, name)))
     length = bench.cable + bench.cable_std * random.standard_normal()
     path = KnownPath(bench.cable, bench.cable_std, in_air=False)
     for warm, peer in ((SECOND, FIRST), (FIRST, SECOND)):
@@ -136,6 +145,7 @@ _CABLE: dict[str, Any] = {
     'pairs': {'path_loss': 74.0},  # 13 dBm + 21 dB - 74 dB = -40 dBm at the receivers
     'weather': {'temperature': 25.0, 'humidity': 0.3},
 }
+_TERMINATED: dict[str, Any] = _CABLE | {'pairs': {'path_loss': 300.0}}  # far below the noise
 
 
 def _scenario(

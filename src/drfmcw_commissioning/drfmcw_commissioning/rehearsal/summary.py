@@ -10,6 +10,10 @@ from .commissioning import Outcome
 
 LIMIT = 1.5e-3
 """Bias that a commissioned pair may have beyond its stated uncertainty [m] (issue 15)."""
+CHI_SQUARE_LIMIT = 0.2
+"""Deviation of the mean chi-square from 1 that it may have (issue 15)."""
+FEWEST = 200
+"""Commissionings from which on the mean chi-square is judged: its standard deviation is 0.1 then."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +34,12 @@ class Row:
     def systematic(self) -> bool:
         """Whether the mean error exceeds LIMIT by three of its standard deviations."""
         return abs(self.mean) > LIMIT + 3.0 * self.stated / math.sqrt(self.count)
+
+    @property
+    def holds(self) -> bool:
+        """Whether what the calibrations state holds: no bias, and errors as large as stated."""
+        as_stated = self.count < FEWEST or abs(self.chi_square - 1.0) <= CHI_SQUARE_LIMIT
+        return as_stated and not self.systematic
 
 
 def summarise(commissionings: Iterable[Sequence[Outcome]]) -> list[Row]:
