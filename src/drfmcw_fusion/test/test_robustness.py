@@ -72,6 +72,7 @@ numbers = st.one_of(
 names = st.one_of(
     st.sampled_from(['master', 'slave', '', 'a\nb', 'x' * 5000, 'hann', 'flac', '/../x']), st.text(max_size=8)
 )
+SIGNED = {'int32': 32}
 UNSIGNED = {'uint8': 8, 'uint16': 16, 'uint32': 32, 'uint64': 64}
 
 
@@ -84,6 +85,8 @@ def values(kind):
         return st.booleans()
     if kind in UNSIGNED:
         return st.integers(0, 2 ** UNSIGNED[kind] - 1) | st.integers(0, 3)
+    if kind in SIGNED:
+        return st.integers(-(2 ** (SIGNED[kind] - 1)), 2 ** (SIGNED[kind] - 1) - 1)
     if kind == 'sequence<int16>':
         return st.lists(st.integers(-(2**15), 2**15 - 1), max_size=40) | st.just([0] * 2048)
     return st.binary(max_size=60)

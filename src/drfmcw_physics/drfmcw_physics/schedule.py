@@ -1,7 +1,7 @@
 """Time division: which pair of stations measures in which slot, by rates and priorities.
 
-A frame of slots repeats for ever. Every pair has at least one slot in it, so none starves; a slot lasts as long whether
-its pair's stations answer or not, so a silent one costs its own slots and nothing else.
+A frame of slots repeats until another schedule follows. Every pair has at least one slot in it, so none starves; a slot
+lasts as long whether its pair's stations answer or not, so a silent one costs its own slots and nothing else.
 """
 
 import dataclasses
@@ -12,6 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from .settings import ConfigurationError
+
+LARGEST_RATE = 1e5
+"""Sweeps per second that a pair may ask for [Hz]."""
+LARGEST_PRIORITY = 1000
+"""Of a pair; the smallest is its negative."""
 
 _LONGEST_FRAME = 1000  # slots; rates are granted to a thousandth of all
 
@@ -26,11 +31,17 @@ class Demand:
 
 @dataclasses.dataclass(frozen=True)
 class Schedule:
-    """The frame of slots, and what it gives to each pair."""
+    """The frame of slots, and what it gives to each pair.
+
+    Slots are numbered from the beginning of the first schedule on, and sweeps of a pair too: a schedule that follows
+    another one counts on. It knows nothing of the slots before its own first.
+    """
 
     frame: tuple[int, ...]  # index of the pair that measures in each slot
     slot: float  # duration of a slot [s]
     demands: tuple[Demand, ...]
+    start: int = 0  # number of its first slot
+    done: tuple[int, ...] = ()  # sweeps of each pair before it; empty: none
 
     @functools.cached_property
     def counts(self) -> tuple[int, ...]:
@@ -39,24 +50,52 @@ class Schedule:
 
     @functools.cached_property
     def _before(self) -> np.ndarray:
-        """Slots of each pair before each slot of a frame, and in the whole frame; shape (pairs, slots + 1)."""
+        """Sweeps of each pair before each slot of the first frame, and of the next; shape (pairs, slots + 1)."""
         own = np.array(self.frame)[None, :] == np.arange(len(self.demands))[:, None]
-        return np.concatenate([np.zeros((len(own), 1), np.int64), np.cumsum(own, axis=1)], axis=1)
+        inside = np.concatenate([np.zeros((len(own), 1), np.int64), np.cumsum(own, axis=1)], axis=1)
+        return inside + np.array(self.done or [0] * len(own), np.int64)[:, None]
+
+    def _place(self, number: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
+        """Return how many whole frames lie before slot `number`, and its place in its own."""
+        return np.divmod(np.asarray(number, dtype=np.int64) - self.start, len(self.frame))
 
     def pair(self, number: np.ndarray) -> np.ndarray:
-        """Return the pair that measures in slot `number`, counted from the schedule's start."""
-        return np.array(self.frame)[np.asarray(number) % len(self.frame)]
+        """Return the pair that measures in slot `number`."""
+        return np.array(self.frame)[self._place(number)[1]]
 
     def before(self, pair: int, number: np.ndarray | int) -> np.ndarray:
         """Return how many slots a pair had before slot `number`: in its own slots, the number of its sweep."""
-        frames, position = np.divmod(np.asarray(number, dtype=np.int64), len(self.frame))
+        frames, position = self._place(number)
         return frames * self.counts[pair] + self._before[pair][position]
+
+    def in_whole_frames(self, pair: int, number: np.ndarray | int) -> np.ndarray:
+        """Return how many slots a pair had before the frame to which slot `number` belongs."""
+        return self._place(number)[0] * self.counts[pair] + self._before[pair][0]
 
     def index(self, number: np.ndarray) -> np.ndarray:
         """Return the number of the sweep that a slot is for its own pair."""
-        frames, position = np.divmod(np.asarray(number, dtype=np.int64), len(self.frame))
+        frames, position = self._place(number)
         own = np.array(self.frame)[position]
         return frames * np.array(self.counts)[own] + self._before[own, position]
+
+    def slots_until(self, pair: int, sweeps: int) -> int:
+        """Return the number of the slot with which the first frame begins before which a pair has done `sweeps`."""
+        missing = sweeps - int(self._before[pair][0])
+        return self.start + max(0, math.ceil(missing / self.counts[pair])) * len(self.frame)
+
+    def change(self, number: int) -> int:
+        """Return the first slot from `number` on in which another schedule may follow.
+
+        Each pair has had a slot by then, or no slot is over: nobody starves, however often the demands change.
+        """
+        if number <= self.start:
+            return self.start
+        return max(number, self.start + 1 + max(self.frame.index(pair) for pair in range(len(self.demands))))
+
+    def followed_by(self, demands: Sequence[Demand], number: int) -> 'Schedule':
+        """Return the schedule of other demands of the same pairs, which takes over in slot `number`."""
+        done = tuple(int(self.before(pair, number)) for pair in range(len(self.demands)))
+        return dataclasses.replace(schedule(demands, self.slot), start=number, done=done)
 
     def interval(self, pair: int) -> float:
         """Return the mean time between two sweeps of a pair [s]."""
@@ -73,7 +112,12 @@ class Schedule:
 
     def falls_short(self, pair: int) -> bool:
         """Return whether a pair gets fewer sweeps per second than it asks for."""
-        return self.rate(pair) < self.demands[pair].rate * (1.0 - 1.0 / _LONGEST_FRAME)
+        return falls_short(self.rate(pair), self.demands[pair].rate)
+
+
+def falls_short(granted: float, asked: float) -> bool:
+    """Return whether a rate is less than the one asked for, by more than a frame's resolution; never less than NaN."""
+    return granted < asked * (1.0 - 1.0 / _LONGEST_FRAME)
 
 
 def schedule(demands: Sequence[Demand], slot: float) -> Schedule:

@@ -10,11 +10,8 @@ from hypothesis import strategies as st
 from drfmcw_physics.schedule import Demand, schedule
 
 SLOT = 0.02
-DEMANDS = st.lists(
-    st.builds(Demand, rate=st.one_of(st.just(math.nan), st.floats(0.1, 60.0)), priority=st.integers(-2, 2)),
-    min_size=1,
-    max_size=8,
-)
+ONE_DEMAND = st.builds(Demand, rate=st.one_of(st.just(math.nan), st.floats(0.1, 60.0)), priority=st.integers(-2, 2))
+DEMANDS = st.lists(ONE_DEMAND, min_size=1, max_size=8)
 
 
 def test_pairs_without_rates_take_turns():
@@ -63,3 +60,35 @@ def test_low_priority_gives_way():
     made = schedule([Demand(40.0, 0), Demand(40.0, 5)], SLOT)
     assert made.rate(1) == pytest.approx(40.0, rel=2e-3) and not made.falls_short(1)
     assert made.rate(0) == pytest.approx(10.0, rel=1e-2) and made.falls_short(0)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.data())
+def test_a_schedule_that_follows_counts_on(data):
+    """However often and however early the demands change: no sweep is counted twice, and nobody starves."""
+    count = data.draw(st.integers(1, 5))
+    demands = st.lists(ONE_DEMAND, min_size=count, max_size=count)
+    made, number = schedule(data.draw(demands), SLOT), 0
+    turns = np.zeros(0, int)
+    for _ in range(data.draw(st.integers(1, 4))):
+        end = made.change(number + data.draw(st.integers(0, 50)))
+        slots = np.arange(number, end)
+        turns = np.concatenate([turns, made.pair(slots)])
+        for pair in range(count):
+            own = turns == pair
+            assert made.before(pair, slots).tolist() == [int(own[:n].sum()) for n in slots]
+            assert made.index(slots[turns[number:] == pair]).tolist() == list(range(own[:number].sum(), own.sum()))
+            assert end == number or (made.pair(slots) == pair).any()
+            sweeps = int(made.before(pair, end)) + 7
+            reached = made.slots_until(pair, sweeps)
+            assert made.before(pair, reached) >= sweeps > made.before(pair, reached - len(made.frame))
+            assert made.in_whole_frames(pair, reached) == made.before(pair, reached)
+        made, number = made.followed_by(data.draw(demands), end), end
+    assert made.start == number and sum(made.done) == number
+
+
+def test_a_schedule_gives_way_once_everybody_had_a_slot():
+    made = schedule([Demand(25.0), Demand(12.5), Demand(12.5)], SLOT)  # turns 0 1 0 2
+    assert made.change(0) == 0 and made.change(1) == 4 and made.change(17) == 17
+    after = made.followed_by([Demand(12.5), Demand(25.0), Demand(12.5)], 17)
+    assert after.done == (9, 4, 4) and after.change(18) == 21

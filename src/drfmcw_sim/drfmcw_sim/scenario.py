@@ -11,7 +11,7 @@ import yaml
 
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.schedule import Demand, Schedule, schedule
+from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, Demand, Schedule, schedule
 from drfmcw_physics.settings import (
     ConfigurationError,
     Parameter,
@@ -107,10 +107,12 @@ class _PairParameters:
         0.0, unit='Hz', bounds=(-1e9, 1e9), description='f_o,off = f_0 of the first minus f_0 of the second station'
     )
     rate: float = parameter(
-        math.nan, unit='Hz', bounds=(1e-6, 1e5), nan_means='an equal share of the time that is left',
+        math.nan, unit='Hz', bounds=(1e-6, LARGEST_RATE), nan_means='an equal share of the time that is left',
         description='at least so many sweeps per second, in time division with other pairs',
     )  # fmt: skip
-    priority: int = parameter(0, bounds=(-1000, 1000), description='the higher one gets its rate first')
+    priority: int = parameter(
+        0, bounds=(-LARGEST_PRIORITY, LARGEST_PRIORITY), description='the higher one gets its rate first'
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,7 +194,7 @@ class Scenario:
 
     @functools.cached_property
     def schedule(self) -> Schedule:
-        """Which pair measures in which slot."""
+        """Which pair measures in which slot, before somebody asks for other rates."""
         return schedule([Demand(p.rate, p.priority) for p in self.pairs], self.timing.sweep_interval)
 
     def published_calibration(self, station: str) -> Calibration:
