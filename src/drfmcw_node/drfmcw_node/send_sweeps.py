@@ -84,6 +84,8 @@ def _send(arguments: argparse.Namespace) -> None:
                     peer=sweep.peer,
                     mode=settings.mode,
                     start_delay=settings.start_delay,
+                    rate=settings.rate,
+                    priority=settings.priority,
                 )
             )
             sent += 1
@@ -171,7 +173,9 @@ class _TcpSender:
                 data = self._requests.feed(data)
             requests, self._received = decode_requests(self._received + data)
             for request in requests:
-                print(f'requested: mode {request.mode}, start_delay {request.start_delay:g} s, peer {request.peer!r}')
+                turns = f'rate {request.rate:g} Hz, priority {request.priority}'
+                mode = f'mode {request.mode}, start_delay {request.start_delay:g} s'
+                print(f'requested: {mode}, {turns}, peer {request.peer!r}')
 
 
 class _UdpSender:

@@ -11,8 +11,9 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
-from drfmcw_physics.sweep import SweepSettings
+from drfmcw_physics.sweep import SweepRequest, SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
@@ -25,6 +26,8 @@ from .sources.feed import Frame, Request
 from .sources.source import Source
 from .station_settings import Housekeeping, StationNames, StationSettings
 from .sweep_node import SweepNode
+
+_NO_TURNS = (0.0, 0)  # rate and priority where none is asked for or stated
 
 
 class SweepOwner:
@@ -211,6 +214,7 @@ class FeedOwner(SweepOwner):
         store = CalibrationStore(state_directory(os.environ, settings.value.state_directory))
         stored = store.newest(names.station)
         super().__init__(node, names, settings, process, source, source_settings)
+        self._passed: dict[str, tuple[float, int]] = {}  # rate and priority asked of the digitiser, by peer
         self._sweep = SettingsParameters(
             node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep
         )
@@ -220,6 +224,7 @@ class FeedOwner(SweepOwner):
 
     def _open(self) -> None:
         super()._open()
+        self._passed.clear()  # the source is a new one
         self._change_calibration(self._calibration.value)
         self._change_sweep(self._sweep.value)
         peers = self._settings.value.peers
@@ -255,14 +260,22 @@ class FeedOwner(SweepOwner):
             raise ConfigurationError(f'version {document.version} is stored but not in use: {result.reason}')
 
     def _take_request(self, message: SweepConfig) -> None:
-        """Pass the wish for another mode to the hardware; the frames show what the hardware then does."""
-        if self._node.converted(message, SweepSettings, 'sweep_request') is None:
+        """Pass the wish for another mode or rate to the hardware; the frames show what the hardware then does."""
+        request = self._node.converted(message, SweepRequest, 'sweep_request')
+        current = None if request is None else self._announced.get(request.peer)
+        if request is None or current is None:
             return
-        current = self._announced.get(message.peer)
-        if current is None or (current.mode, current.start_delay) == (message.mode, message.start_delay):
+        if request.asks_mode and request.start_delay >= current.ramp_duration:
+            self._node.warn(f'sweep_request: start_delay = {request.start_delay:g} s is not shorter than the ramp')
             return
-        if not self.source.request(Request(message.mode, message.start_delay, message.peer)):
+        other_mode = (current.mode, current.start_delay) != (request.mode, request.start_delay)
+        other_turns = request.turns != self._passed.get(request.peer, _NO_TURNS)
+        if not (request.asks_mode and other_mode) and not other_turns:
+            return
+        if not self.source.request(Request(request.mode, request.start_delay, request.peer, *request.turns)):
             self._node.warn('sweep_request: the source cannot pass it to the digitiser')
+            return
+        self._passed[request.peer] = request.turns
 
     def _hear(self, message: BeatFrequency) -> None:
         if message.peer == self._names.station:
@@ -276,12 +289,23 @@ class FeedOwner(SweepOwner):
         current = self._announced.get(peer)
         if current is not None:
             delay = current.start_delay if math.isnan(frame.start_delay) else frame.start_delay
-            if (current.mode, current.start_delay) != (frame.mode, delay):
+            rate, priority = _granted(frame)
+            before = (current.mode, current.start_delay, current.rate, current.priority)
+            if before != (frame.mode, delay, rate, priority):
+                changed = dataclasses.replace(current, mode=frame.mode, start_delay=delay, rate=rate, priority=priority)
                 try:
-                    self._announce(dataclasses.replace(current, mode=frame.mode, start_delay=delay, stamp=stamp))
+                    self._announce(dataclasses.replace(changed, stamp=stamp))
                 except ConfigurationError as error:
                     self._node.warn(f'frame of sweep {frame.sweep_id}: {error}')
+        if frame.version < 2 and self._passed.get(peer, _NO_TURNS) != _NO_TURNS:
+            self._node.warn(f'sweep_request: a digitiser of version {frame.version} of the feed knows no rates')
         return frame.sweep(self._names.station, peer, stamp, '')
+
+
+def _granted(frame: Frame) -> tuple[float, int]:
+    """Return rate [Hz] and priority that a frame states, `_NO_TURNS` where it states none that can be."""
+    stated = 0.0 < frame.rate <= LARGEST_RATE and abs(frame.priority) <= LARGEST_PRIORITY
+    return (frame.rate, frame.priority) if stated else _NO_TURNS
 
 
 def _identifier(name: str) -> str:

@@ -53,14 +53,19 @@ def same(first, second):
 @given(pieces=st.lists(st.integers(1, 1000), min_size=1, max_size=40), data=st.data())
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_stream_cut_anywhere(pieces, data):
-    sent = [frame(0), frame(1, 0), frame(2, 64, iq=True, peer='slave', mode=1, temperature=31.5, pll_locked=False)]
+    sent = [
+        frame(0, rate=12.5, priority=-3),
+        frame(1, 0),
+        frame(2, 64, iq=True, peer='slave', mode=1, temperature=31.5, pll_locked=False),
+        frame(3, peer='slave', version=1),  # of a digitiser that knows no rates
+    ]
     stream = b''.join(map(encode, sent))
     parser, received, at = FrameParser(), [], 0
     while at < len(stream):
         size = data.draw(st.sampled_from(pieces))
         received += parser.feed(stream[at : at + size])
         at += size
-    assert len(received) == 3 and parser.malformed == 0 and parser.skipped == 0
+    assert len(received) == 4 and parser.malformed == 0 and parser.skipped == 0
     for a, b in zip(sent, received, strict=True):
         same(a, b)
 
@@ -113,12 +118,42 @@ def test_lost_and_damaged_datagrams_are_counted():
     assert assembler.malformed == 3
 
 
-def test_requests():
-    sent = [Request(0, 3.41e-6, 'slave'), Request(1, 6e-7)]
-    stream = b'x' + b''.join(map(encode_request, sent))
-    assert decode_requests(stream) == (sent, b'')
-    first, rest = decode_requests(stream[:-5])
-    assert first == sent[:1] and decode_requests(rest + stream[-5:]) == (sent[1:], b'')
+def test_a_frame_of_an_unknown_version_is_none():
+    newer = bytearray(encode(frame(1)))
+    newer[4] = 3
+    parser = FrameParser()
+    received = parser.feed(bytes(newer) + encode(frame(2)))
+    assert [f.sweep_id for f in received] == [2] and parser.malformed == 1
+
+
+REQUESTS = [
+    Request(0, 3.41e-6, 'slave', 25.0, 2),
+    Request(1, 6e-7, 'slave', version=1),
+    Request(1, 6e-7),
+    Request(0, 0.0, 'slave', 12.5, -1000),
+]
+
+
+@given(where=st.integers(0, 4 * 64))
+@settings(max_examples=50, deadline=None, derandomize=True)
+def test_requests_of_both_versions_cut_anywhere(where):
+    stream = b'x' + b''.join(map(encode_request, REQUESTS))
+    first, rest = decode_requests(stream[:where])
+    second, rest = decode_requests(rest + stream[where:])
+    assert first + second == REQUESTS and rest == b''
+
+
+def test_a_request_leaves_out_what_it_does_not_ask():
+    (found,), _ = decode_requests(encode_request(Request(0, math.nan, 'slave', 25.0)))
+    assert math.isnan(found.start_delay) and (found.rate, found.priority) == (25.0, 0)
+    assert found.is_expressible and not dataclasses.replace(found, version=1).is_expressible
+
+
+def test_requests_of_other_versions_and_damaged_ones_are_skipped():
+    newer, damaged = (bytearray(encode_request(REQUESTS[0])) for _ in range(2))
+    newer[4], damaged[20] = 3, damaged[20] ^ 1
+    stream = bytes(newer) + bytes(damaged) + encode_request(REQUESTS[1])
+    assert decode_requests(stream) == (REQUESTS[1:2], b'')
 
 
 def test_name_too_long():
@@ -174,6 +209,35 @@ def test_tcp_survives_a_lost_connection(received):
     finally:
         source.stop()
     assert not received.errors and source.counts()['malformed frames'] == 1 and not source.connected
+
+
+def test_rates_reach_whichever_digitiser_connects(received):
+    """Asked for before there is one, and of one that replaces another: in its own version of the protocol."""
+    source = opened(TcpSource, received)
+    source.start()
+    asked = Request(1, 6e-7, 'slave', 25.0, 1)
+    try:
+        assert source.request(asked)
+        for number in range(2):
+            with socket.create_connection(('127.0.0.1', source.port), WAIT) as digitiser:
+                digitiser.sendall(encode(frame(number)))
+                (found,), _ = decode_requests(digitiser.recv(4096))
+                assert math.isnan(found.start_delay)  # whoever sees ranges asks for the mode again
+                assert (found.peer, found.rate, found.priority) == ('slave', 25.0, 1)
+        with socket.create_connection(('127.0.0.1', source.port), WAIT) as older:
+            older.sendall(encode(frame(2, version=1)))
+            received.until(3)
+            assert source.request(asked)
+            assert decode_requests(older.recv(4096))[0] == [Request(1, 6e-7, 'slave', version=1)]
+        assert source.request(Request(1, 6e-7, 'slave'))  # none any more
+        with socket.create_connection(('127.0.0.1', source.port), WAIT) as last:
+            last.sendall(encode(frame(3)))
+            received.until(4)
+            assert source.request(REQUESTS[2])
+            assert decode_requests(last.recv(4096))[0] == [REQUESTS[2]]
+    finally:
+        source.stop()
+    assert not received.errors
 
 
 def test_udp(received):
@@ -287,7 +351,7 @@ def test_a_second_digitiser_waits_while_the_first_one_sends(running, received):
 def test_headers_that_promise_much_cost_little(running, received):
     """Whole headers of frames as large as allowed, one in the other: the checksums of all would take minutes."""
     source = running(TcpSource)
-    header = bytearray(encode(frame(1, 0))[:84])
+    header = bytearray(encode(frame(1, 0))[: HEADER_SIZE - 4])
     header[48:52] = (1 << 20).to_bytes(4, 'little')
     evil = bytes(header) + zlib.crc32(header).to_bytes(4, 'little')
     with connected(source) as client:

@@ -67,6 +67,11 @@ def test_key_file_is_refused_where_others_may_read_it_or_it_is_short(tmp_path, k
         read_key(str(tmp_path / 'none'))
 
 
+def flipped(message):
+    """Return a message of whose last byte one bit is wrong."""
+    return message[:-1] + bytes([message[-1] ^ 1])
+
+
 def greeted(source):
     """Return a connection and the session that the station gave to it."""
     client = connected(source)
@@ -92,7 +97,7 @@ def test_tcp_with_a_key(running, received, key_file):  # noqa: F811
         lambda of: recorded[0],  # a recorded connection, played again
         lambda of: seal(encode(frame(9)), KEY, TO_DIGITISER, 0, of),  # what the station said, sent back
         lambda of: seal(encode(frame(9)), KEY, TO_STATION, 1, of),  # the first one left out
-        lambda of: seal(encode(frame(9)), KEY, TO_STATION, 0, of)[:-1] + b'?',
+        lambda of: flipped(seal(encode(frame(9)), KEY, TO_STATION, 0, of)),
         lambda of: struct.pack('<4sBBHIQ16s', b'DRFA', 1, 0, 0, 1 << 31, 0, of),
         lambda of: rubbish(200),
     ]

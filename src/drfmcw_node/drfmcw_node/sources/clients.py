@@ -5,7 +5,7 @@ import math
 import socket
 import ssl
 
-from .feed import FrameParser, MalformedFrame, frame_size
+from .feed import VERSION, FrameParser, MalformedFrame, frame_size
 from .sealing import TO_DIGITISER, TO_STATION, SealedStream, SealError, encode_hello, new_session, seal
 
 _RECEIVE = 1 << 18  # bytes at once
@@ -53,6 +53,8 @@ class Client:
         """Since when a handshake or a frame has been unfinished [s]; infinite for neither."""
         self.heard = -math.inf
         """When the last whole frame came [s]."""
+        self.version = VERSION
+        """Of the feed, as the newest frame has it."""
         self.held: list = []
         """Frames that came while another client was the digitiser."""
         self._outgoing = encode_hello(self._session) if key else b''
@@ -86,7 +88,7 @@ class Client:
         elif self.begun == math.inf:
             self.begun = now
         if frames:
-            self.heard = now
+            self.heard, self.version = now, frames[-1].version
         return frames
 
     def _received(self) -> bytes:

@@ -13,7 +13,8 @@ from drfmcw_physics.settings import ConfigurationError
 
 from ..processing.records import Sweep
 
-VERSION = 1
+VERSION = 2
+"""Of frames and requests; those of version 1, without the time division, are understood too."""
 MAGIC = b'DRFS'
 """First bytes of a sweep frame."""
 FRAGMENT_MAGIC = b'DRFU'
@@ -22,11 +23,16 @@ REQUEST_MAGIC = b'DRFR'
 """First bytes of a settings request from the station to the digitiser."""
 
 # magic, version, flags, reserved, stamp, sweep_id, full_scale, start_delay, temperature, int16 values, peer
-_HEADER = struct.Struct('<4sBBHqQdddI32s')
+_HEADER = '<4sBBHqQdddI32s'
+_REQUEST = '<4sBBHd32s'  # magic, version, mode, reserved, start_delay, peer
+_TURNS = 'di'  # rate, priority; from version 2 on
+_HEADERS = {1: struct.Struct(_HEADER), 2: struct.Struct(_HEADER + _TURNS)}
+_REQUESTS = {1: struct.Struct(_REQUEST), 2: struct.Struct(_REQUEST + _TURNS)}
 _FRAGMENT = struct.Struct('<4sBBHHHI')  # magic, version, reserved, index, count, reserved, frame number
-_REQUEST = struct.Struct('<4sBBHd32s')  # magic, version, mode, reserved, start_delay, peer
+_FRAGMENT_VERSION = 1
+_VERSION_AT = 4  # in frames and requests
 _CRC = struct.Struct('<I')
-HEADER_SIZE = _HEADER.size + _CRC.size
+HEADER_SIZE = _HEADERS[VERSION].size + _CRC.size
 FRAGMENT_PAYLOAD = 1400
 """Bytes of a frame in one datagram; fits an Ethernet frame."""
 SEALED_PAYLOAD = 1360
@@ -52,6 +58,9 @@ class Frame:
     start_delay: float = math.nan  # T_off in use, NaN for the configured one [s]
     temperature: float = math.nan  # of the board, NaN where unknown [degC]
     pll_locked: bool = True
+    rate: float = 0.0  # sweeps per second that the time division grants to this pair, 0 where not stated [Hz]
+    priority: int = 0
+    version: int = VERSION  # of the feed that the digitiser speaks
 
     def sweep(self, station: str, peer: str, stamp: int, frame_id: str) -> Sweep:
         """Return it as a sweep of `station`."""
@@ -63,8 +72,16 @@ class Request:
     """What the station asks the digitiser to sweep."""
 
     mode: int  # SweepConfig.MODE_*
-    start_delay: float  # [s]
+    start_delay: float  # NaN: mode and T_off stay as they are [s]
     peer: str = ''
+    rate: float = 0.0  # sweeps per second, 0 for the digitiser's own [Hz]
+    priority: int = 0
+    version: int = VERSION  # of the feed that the digitiser speaks
+
+    @property
+    def is_expressible(self) -> bool:
+        """Whether its version has words for what it asks."""
+        return self.version > 1 or not math.isnan(self.start_delay)
 
 
 class MalformedFrame(ValueError):
@@ -79,9 +96,10 @@ def encode(frame: Frame) -> bytes:
     """
     flags = (_IQ if frame.iq else 0) | (_LONG_DISTANCE if frame.mode else 0) | (0 if frame.pll_locked else _UNLOCKED)
     samples = np.ascontiguousarray(frame.samples, dtype='<i2').tobytes()
-    header = _HEADER.pack(
+    turns = (frame.rate, frame.priority) if frame.version > 1 else ()
+    header = _HEADERS[frame.version].pack(
         MAGIC,
-        VERSION,
+        frame.version,
         flags,
         0,
         frame.stamp,
@@ -91,6 +109,7 @@ def encode(frame: Frame) -> bytes:
         frame.temperature,
         len(samples) // 2,
         _name(frame.peer),
+        *turns,
     )
     return b''.join((header, _CRC.pack(zlib.crc32(header)), samples, _CRC.pack(zlib.crc32(samples))))
 
@@ -102,34 +121,39 @@ def encode_fragments(frame: Frame, number: int, payload: int = FRAGMENT_PAYLOAD)
     if count > 0xFFFF:
         raise ConfigurationError(f'a sweep of {len(frame.samples)} samples does not fit the UDP feed; use TCP')
     for index in range(count):
-        header = _FRAGMENT.pack(FRAGMENT_MAGIC, VERSION, 0, index, count, 0, number % (1 << 32))
+        header = _FRAGMENT.pack(FRAGMENT_MAGIC, _FRAGMENT_VERSION, 0, index, count, 0, number % (1 << 32))
         yield header + data[index * payload : (index + 1) * payload]
 
 
 def encode_request(request: Request) -> bytes:
     """Return a settings request as the station sends it."""
-    body = _REQUEST.pack(REQUEST_MAGIC, VERSION, request.mode, 0, request.start_delay, _name(request.peer))
+    values = (request.mode, 0, request.start_delay, _name(request.peer))
+    turns = (request.rate, request.priority) if request.version > 1 else ()
+    body = _REQUESTS[request.version].pack(REQUEST_MAGIC, request.version, *values, *turns)
     return body + _CRC.pack(zlib.crc32(body))
 
 
 def decode_requests(data: bytes) -> tuple[list[Request], bytes]:
-    """Return the complete requests in `data`, and the bytes that belong to the next."""
+    """Return the complete requests in `data`, and the bytes that belong to the next; unknown versions are skipped."""
     requests: list[Request] = []
-    size = _REQUEST.size + _CRC.size
     while True:
         start = data.find(REQUEST_MAGIC)
         if start < 0:
             return requests, data[-3:]
-        if len(data) - start < size:
-            return requests, data[start:]
-        body = data[start : start + _REQUEST.size]
-        if _CRC.unpack_from(data, start + _REQUEST.size)[0] != zlib.crc32(body):
-            data = data[start + 1 :]
+        data = data[start:]
+        if len(data) <= _VERSION_AT:
+            return requests, data
+        layout = _REQUESTS.get(data[_VERSION_AT])
+        if layout is not None and len(data) < layout.size + _CRC.size:
+            return requests, data
+        if layout is None or _CRC.unpack_from(data, layout.size)[0] != zlib.crc32(data[: layout.size]):
+            data = data[1:]
             continue
-        _, _, mode, _, start_delay, peer = _REQUEST.unpack(body)
+        _, version, mode, _, start_delay, peer, *turns = layout.unpack_from(data)
+        rate, priority = turns or (0.0, 0)
         with contextlib.suppress(MalformedFrame):
-            requests.append(Request(mode, start_delay, _text(peer)))
-        data = data[start + size :]
+            requests.append(Request(mode, start_delay, _text(peer), rate, priority, version))
+        data = data[layout.size + _CRC.size :]
 
 
 class FrameParser:
@@ -201,7 +225,7 @@ def decode_fragment(datagram: bytes) -> Fragment | None:
     if not _FRAGMENT.size < len(datagram) <= _FRAGMENT.size + FRAGMENT_PAYLOAD:
         return None
     magic, version, _, index, count, _, number = _FRAGMENT.unpack_from(datagram)
-    if magic != FRAGMENT_MAGIC or version != VERSION or index >= count:
+    if magic != FRAGMENT_MAGIC or version != _FRAGMENT_VERSION or index >= count:
         return None
     return Fragment(index, count, number, datagram[_FRAGMENT.size :])
 
@@ -215,6 +239,12 @@ def decode_whole(data: bytes) -> Frame | None:
     return frame if end == len(data) else None
 
 
+def header_size(version: int) -> int | None:
+    """Return the bytes of a frame before its samples, None for a version that does not exist."""
+    layout = _HEADERS.get(version)
+    return None if layout is None else layout.size + _CRC.size
+
+
 def frame_size(count: int) -> int:
     """Return the bytes of a frame with `count` int16 values."""
     return HEADER_SIZE + 2 * count + _CRC.size
@@ -222,21 +252,28 @@ def frame_size(count: int) -> int:
 
 def _decode(data: bytes | bytearray, start: int, largest_count: int = LARGEST_COUNT) -> tuple[Frame | None, int]:
     """Return (frame, index after it) of the frame that begins at `start`; (None, start) where bytes are missing."""
-    if len(data) - start < HEADER_SIZE:
+    if len(data) - start <= _VERSION_AT:
         return None, start
-    header = bytes(data[start : start + _HEADER.size])
-    if _CRC.unpack_from(data, start + _HEADER.size)[0] != zlib.crc32(header):
+    layout = _HEADERS.get(data[start + _VERSION_AT])
+    if layout is None:
+        raise MalformedFrame(f'version {data[start + _VERSION_AT]}')
+    begin = start + layout.size + _CRC.size
+    if len(data) < begin:
+        return None, start
+    header = bytes(data[start : start + layout.size])
+    if _CRC.unpack_from(data, start + layout.size)[0] != zlib.crc32(header):
         raise MalformedFrame('header checksum')
-    _, version, flags, _, stamp, sweep_id, full_scale, start_delay, temperature, count, peer = _HEADER.unpack(header)
-    if version != VERSION or count > largest_count or (flags & _IQ and count % 2):
+    values = layout.unpack(header)
+    _, version, flags, _, stamp, sweep_id, full_scale, start_delay, temperature, count, peer, *turns = values
+    if count > largest_count or (flags & _IQ and count % 2):
         raise MalformedFrame('header')
-    begin = start + HEADER_SIZE
     end = begin + 2 * count
     if len(data) < end + _CRC.size:
         return None, start
     samples = bytes(data[begin:end])
     if _CRC.unpack_from(data, end)[0] != zlib.crc32(samples):
         raise MalformedFrame('samples checksum')
+    rate, priority = turns or (0.0, 0)
     frame = Frame(
         sweep_id=sweep_id,
         stamp=stamp,
@@ -248,6 +285,9 @@ def _decode(data: bytes | bytearray, start: int, largest_count: int = LARGEST_CO
         start_delay=start_delay,
         temperature=temperature,
         pll_locked=not flags & _UNLOCKED,
+        rate=rate,
+        priority=priority,
+        version=version,
     )
     return frame, end + _CRC.size
 

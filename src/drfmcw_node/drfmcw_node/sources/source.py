@@ -95,7 +95,7 @@ class Source:
         return ''
 
     def request(self, request: Request) -> bool:
-        """Pass a settings request to the hardware; return False where that is impossible."""
+        """Pass a settings request to the hardware, now or when it connects; return False where none ever reaches it."""
         return False
 
     def _guarded(self) -> None:

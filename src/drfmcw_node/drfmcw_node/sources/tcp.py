@@ -2,6 +2,7 @@
 
 import collections
 import contextlib
+import dataclasses
 import math
 import selectors
 import socket
@@ -19,6 +20,7 @@ MOST_CLIENTS = 8
 SILENCE = 0.2
 """Without a whole frame, after which another client that has sent one takes over [s]."""
 _BACKLOG = 128  # a connection that finds no room there waits a second
+_MOST_REQUESTS = 64  # that wait to be sent
 _ACCEPTED = MOST_CLIENTS // 2  # between two looks at what the others send: whole frames already sent are read first
 
 
@@ -38,7 +40,8 @@ class TcpSource(Source, name='tcp'):
         self._key, self._context = read_key(settings.feed_key), tls_context(settings)
         self._clients: list[Client] = []  # oldest first
         self._active: Client | None = None
-        self._requests: collections.deque[bytes] = collections.deque(maxlen=MOST_CLIENTS)
+        self._requests: collections.deque[Request] = collections.deque(maxlen=_MOST_REQUESTS)
+        self._turns: dict[str, Request] = {}  # rates asked for, by peer: each digitiser that connects gets them
         self._counts = dict.fromkeys(
             ('connections', 'refused connections', 'disconnected clients', 'malformed frames', 'skipped bytes'), 0
         )
@@ -73,12 +76,18 @@ class TcpSource(Source, name='tcp'):
         return self._reason
 
     def request(self, request: Request) -> bool:
-        """Send a settings request to the connected digitiser."""
-        if self._active is None:
-            return False
-        self._requests.append(encode_request(request))
-        with contextlib.suppress(OSError):
-            self._waker.send(b'.')
+        """Send a settings request to the connected digitiser; one that connects later gets the rates of it.
+
+        Whoever sees the ranges asks for a mode again, but for a rate only once.
+        """
+        if request.rate > 0.0:
+            self._turns[request.peer] = dataclasses.replace(request, start_delay=math.nan)
+        else:
+            self._turns.pop(request.peer, None)
+        if self._active is not None:
+            self._requests.append(request)
+            with contextlib.suppress(OSError):
+                self._waker.send(b'.')
         return True
 
     def _run(self) -> None:
@@ -158,14 +167,18 @@ class TcpSource(Source, name='tcp'):
             if self._active is not None:
                 self._disconnect(self._active, '')
             self._active = client
+            self._requests.extend(self._turns.values())
         self.connected = True
 
     def _pass_requests(self) -> None:
         while self._requests:
-            message = self._requests.popleft()
-            if self._active is not None:
+            request = self._requests.popleft()
+            if self._active is None:
+                continue
+            request = dataclasses.replace(request, version=self._active.version)
+            if request.is_expressible:
                 try:
-                    self._active.send(message)
+                    self._active.send(encode_request(request))
                 except ClientError as error:
                     self._disconnect(self._active, str(error))
 

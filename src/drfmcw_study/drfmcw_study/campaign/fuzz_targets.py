@@ -73,7 +73,8 @@ class Target:
 def _frames() -> list[bytes]:
     samples = np.random.default_rng(1).integers(-3000, 3000, _SAMPLES).astype(np.int16)
     whole = feed.Frame(1, _STAMP, 8192.0, False, samples, 'slave', 1, 6e-7, 20.0)
-    return [feed.encode(whole), feed.encode(dataclasses.replace(whole, samples=samples[:0], peer='')) * 2]
+    older = dataclasses.replace(whole, samples=samples[:0], peer='', version=1)
+    return [feed.encode(whole), feed.encode(dataclasses.replace(older, version=feed.VERSION)) * 2, feed.encode(older)]
 
 
 def _mended_frames(data: bytes, rng: random.Random) -> bytes:
@@ -83,11 +84,12 @@ def _mended_frames(data: bytes, rng: random.Random) -> bytes:
     changed = bytearray(data)
     at = changed.find(feed.MAGIC)
     while 0 <= at <= len(changed) - feed.HEADER_SIZE:
-        header = bytes(changed[at : at + feed.HEADER_SIZE - 4])
-        changed[at + len(header) : at + feed.HEADER_SIZE] = struct.pack('<I', zlib.crc32(header))
-        end = at + feed.HEADER_SIZE + 2 * struct.unpack_from('<I', header, 48)[0]
+        begin = at + (feed.header_size(changed[at + 4]) or feed.HEADER_SIZE)
+        header = bytes(changed[at : begin - 4])
+        changed[begin - 4 : begin] = struct.pack('<I', zlib.crc32(header))
+        end = begin + 2 * struct.unpack_from('<I', header, 48)[0]
         if end + 4 <= len(changed):
-            samples = bytes(changed[at + feed.HEADER_SIZE : end])
+            samples = bytes(changed[begin:end])
             changed[end : end + 4] = struct.pack('<I', zlib.crc32(samples))
         at = changed.find(feed.MAGIC, at + 1)
     return bytes(changed)
@@ -134,7 +136,7 @@ def _sealed() -> list[bytes]:
         sealing.seal(b'payload', _KEY, sealing.TO_STATION, 0, session),
         sealing.seal(b'payload', _KEY, sealing.TO_STATION, _STAMP),
         sealing.encode_hello(session),
-        feed.encode_request(feed.Request(1, 6e-7, 'slave')),
+        *(feed.encode_request(feed.Request(1, 6e-7, 'slave', 25.0, 1, version)) for version in (1, 2)),
     ]
 
 
