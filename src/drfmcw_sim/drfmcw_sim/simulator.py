@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 import queue
 import sys
 import threading
@@ -15,19 +14,20 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_physics.sweep import Mode
+from drfmcw_physics.sweep import SweepRequest
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
 from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
-from drfmcw_ros.messages import message_class, to_message
+from drfmcw_ros.messages import from_message, message_class, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched
 
 from .flow_control import Acknowledgements
 from .recording import message_type
+from .requests import Requests
 from .scenario import Scenario, read_scenario
 from .timeline import NANOSECONDS, Event, Timeline
 
@@ -115,7 +115,8 @@ class Simulator(Node):
         self._timeline = Timeline(self.scenario, start, mode_by_range=settings.mode_control == 'range')
         self._publishers_of: dict[tuple[str, str], Any] = {}
         self._lock = threading.Condition()
-        self._requests: dict[int, tuple[Mode, float | None]] = {}
+        self._requests = Requests(self.scenario, modes=settings.mode_control == 'request')
+        self._demands = self._requests.demands()  # of the timeline
         self._stop = threading.Event()
         self._finished = threading.Event()
         self._failure: BaseException | None = None
@@ -187,23 +188,11 @@ class Simulator(Node):
             on_ranges = functools.partial(take, self._ranges, pair, f'{pair} has ranges again')
             qos.subscription(self, RangeEstimate, f'/{pair}/range', on_ranges, qos.RELIABLE, batch=True)
 
-    def _on_request(self, request: SweepConfig) -> None:
-        names = {request.station, request.peer}
-        pair = next((i for i, p in enumerate(self.scenario.pairs) if {p.first, p.second} == names), None)
-        if pair is None:
-            self.get_logger().warning(f"sweep request for '{request.station}' and '{request.peer}': no such pair")
-            return
-        if self.settings.mode_control != 'request':
-            return
-        delay = request.start_delay if request.start_delay > 0.0 else None  # NaN and 0: the scenario's own
-        if request.mode not in tuple(Mode) or (delay is not None and delay >= self.scenario.waveform.ramp_duration):
-            self.get_logger().warning(
-                f'sweep request refused: mode {request.mode}, start_delay {request.start_delay:g} s'
-            )
-            return
-        with self._lock:
-            self._requests[pair] = (Mode(request.mode), delay)
-            self._lock.notify_all()
+    def _on_request(self, message: SweepConfig) -> None:
+        try:
+            self._requests.take(from_message(message, SweepRequest))
+        except ConfigurationError as error:
+            self.get_logger().warning(f'sweep request refused: {error}')
 
     # --- what goes out ---
 
@@ -246,6 +235,8 @@ class Simulator(Node):
                 self._timeline = Timeline(
                     self.scenario, start, self.settings.mode_control == 'range', first_sweep_id=last.next_sweep_id
                 )
+                self._demands = list(self.scenario.schedule.demands)
+                self._change_schedule()
                 for event in self._timeline.opening():
                     self._publish(event)
                 self._stop.wait(self.settings.settings_pause)
@@ -304,6 +295,8 @@ class Simulator(Node):
         self.get_logger().info(f'{timeline.sweep_count} sweeps of {len(self.scenario.pairs)} pair(s)')
         while not self._stop.is_set() and not timeline.finished:
             self._use_stored()
+            for event in self._change_schedule():
+                self._publish(event)
             self._change_modes()
             slots = timeline.slots(_BLOCK)
             if len(slots) == 0:
@@ -316,7 +309,7 @@ class Simulator(Node):
         measured: set[int] = set()
         for event in events:
             if event.sweep_id not in measured:
-                if self._stop.is_set() or (self._requests and self._wanted_changes()):
+                if self._stop.is_set() or self._requests.modes(self._timeline):
                     break
                 self._wait_until(event)
             self._publish(event)
@@ -378,27 +371,16 @@ class Simulator(Node):
                     if answers.give_up(name, self.settings.acknowledge_timeout):
                         self.get_logger().warning(said.format(name))
 
-    def _wanted_changes(self) -> dict[int, tuple[Mode, float | None]]:
-        """Return the requests that ask for something else than what is in use."""
-        with self._lock:
-            requests = dict(self._requests)
-        wanted = {}
-        for pair, (mode, delay) in requests.items():
-            now = self._timeline.sweep_settings(pair)[0]
-            expected = self.scenario.mode.start_delay(mode) if delay is None else delay
-            if now.mode != mode or not math.isclose(now.start_delay, expected):
-                wanted[pair] = (mode, delay)
-        if not wanted:
-            with self._lock:
-                for pair, request in requests.items():
-                    if self._requests.get(pair) == request:
-                        del self._requests[pair]
-        return wanted
+    def _change_schedule(self) -> list[Event]:
+        """Let the time division follow what is asked for; return the settings to publish, if it changes now."""
+        demands = self._requests.demands()
+        if demands != self._demands:
+            self._demands = demands
+            self._timeline.change_schedule(demands)
+        return self._timeline.due_schedule_change()
 
     def _change_modes(self) -> None:
-        if not self._requests:
-            return
-        for pair, (mode, delay) in self._wanted_changes().items():
+        for pair, (mode, delay) in self._requests.modes(self._timeline).items():
             settings = self.scenario.pairs[pair]
             self.get_logger().info(f'{settings.first}/{settings.second}: {mode.short_name} mode')
             self._publish_settings(self._timeline.change_mode(pair, mode, delay))
@@ -429,13 +411,13 @@ class Simulator(Node):
 
     def _diagnose_schedule(self, status: Status) -> None:
         """Show what the time division gives to each pair, and warn of a pair that gets less than it asks for."""
-        plan = self.scenario.schedule
+        plan = self._timeline.schedule
         for number, pair in enumerate(self.scenario.pairs):
-            name = f'{pair.first}/{pair.second}'
-            waits = f'{plan.rate(number):.4g} Hz, {plan.longest_wait(number):.4g} s at most between two sweeps'
+            name, rate, asked = f'{pair.first}/{pair.second}', plan.rate(number), plan.demands[number].rate
+            waits = f'{rate:.4g} Hz, {plan.longest_wait(number):.4g} s at most between two sweeps'
             status.value(f'schedule of {name}', waits)
             if plan.falls_short(number):
-                status.report(WARN, f'{name} gets {plan.rate(number):.4g} Hz of {pair.rate:g} Hz: too many pairs')
+                status.report(WARN, f'{name} gets {rate:.4g} Hz of {asked:g} Hz: too many pairs')
 
     def _diagnose(self, status: Status) -> None:
         with self._lock:

@@ -2,13 +2,15 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.mode import choose_mode
+from drfmcw_physics.schedule import Demand
+from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 
 from .measurements import Measurements
@@ -104,7 +106,8 @@ class Slots:
 class Timeline:
     """Steps through a scenario.
 
-    `slots` and `render` say what comes next without moving on; `advance` moves on; `change_mode` acts in between.
+    `slots` and `render` say what comes next without moving on; `advance` moves on; `change_mode` and
+    `change_schedule` act in between.
     """
 
     def __init__(
@@ -122,12 +125,15 @@ class Timeline:
         self.start = round(scenario.timing.start_time * NANOSECONDS) if start is None else start
         self.next_sweep_id = first_sweep_id
         self._first_sweep_id = first_sweep_id
+        self.schedule = scenario.schedule
+        """The time division in use; its slots count from the first sweep on."""
+        self._demands: Sequence[Demand] | None = None  # of the next schedule
         self._pause = 0.0  # time spent changing modes [s]
         self._by_range = mode_by_range
         self._reported = -math.inf  # time up to which weather and status are published [s]
         self.modes: list[Mode] = []  # of each pair, none before the first is chosen
         self._start_delays: list[float] = []
-        turns = [scenario.schedule.frame.index(pair) for pair in range(len(scenario.pairs))]
+        turns = [self.schedule.frame.index(pair) for pair in range(len(scenario.pairs))]
         first = self._at(first_sweep_id + np.array(turns))
         wanted = [self._wanted(int(p), 0, float(d)) for p, d in zip(first.pair, first.distance, strict=True)]
         self.modes, self._start_delays = [mode for mode, _ in wanted], [delay for _, delay in wanted]
@@ -148,30 +154,29 @@ class Timeline:
 
     def sweep_settings(self, pair: int) -> tuple[SweepSettings, ...]:
         """Return the settings now in use by both stations of a pair."""
-        return self.scenario.sweep_settings(self.scenario.pairs[pair], self.modes[pair], self._start_delays[pair])
+        settings = self.scenario.sweep_settings(self.scenario.pairs[pair], self.modes[pair], self._start_delays[pair])
+        rate, priority = self.schedule.rate(pair), self.schedule.demands[pair].priority
+        return tuple(dataclasses.replace(s, rate=rate, priority=priority) for s in settings)
 
     @property
     def sweep_count(self) -> int:
         """Measurements of the whole scenario, changes of mode left out."""
-        s = self.scenario
         counts = []
-        for pair, own in zip(s.pairs, s.schedule.counts, strict=True):
+        for number, pair in enumerate(self.scenario.pairs):
             if isinstance(pair.trajectory, Drive):
-                counts.append(math.ceil(pair.trajectory.duration / s.timing.sweep_interval))
+                counts.append(math.ceil(pair.trajectory.duration / self.scenario.timing.sweep_interval))
             else:
-                frames = math.ceil(pair.trajectory.sweep_count / own)
-                counts.append(frames * len(s.schedule.frame))
+                counts.append(self.schedule.slots_until(number, pair.trajectory.sweep_count))
         return max(counts)
 
     def _at(self, sweep_id: np.ndarray) -> Slots:
         """Return the slots of given sweep numbers."""
         pairs = self.scenario.pairs
         number = sweep_id - self._first_sweep_id
-        plan = self.scenario.schedule
-        pair, index = plan.pair(number), plan.index(number)
+        pair, index = self.schedule.pair(number), self.schedule.index(number)
         time = number * self.scenario.timing.sweep_interval + self._pause
         standing = [
-            p.trajectory.moves(np.maximum(plan.before(member, number + 1) - 1, 0))
+            p.trajectory.moves(np.maximum(self.schedule.before(member, number + 1) - 1, 0))
             for member, p in enumerate(pairs)
             if not isinstance(p.trajectory, Drive)
         ]
@@ -185,22 +190,23 @@ class Timeline:
 
     def _index(self, sweep_id: np.ndarray) -> np.ndarray:
         """Return the number of each sweep for its own pair."""
-        return self.scenario.schedule.index(sweep_id - self._first_sweep_id)
+        return self.schedule.index(sweep_id - self._first_sweep_id)
 
     def _ended(self, slots: Slots) -> np.ndarray:
         """Return which slots lie behind the end of all trajectories."""
-        plan = self.scenario.schedule
-        frames = (slots.sweep_id - self._first_sweep_id) // len(plan.frame)
+        number = slots.sweep_id - self._first_sweep_id
         ended = np.ones(len(slots), bool)
-        for p, count in zip(self.scenario.pairs, plan.counts, strict=True):
+        for pair, p in enumerate(self.scenario.pairs):
             if isinstance(p.trajectory, Drive):
                 ended &= slots.time >= p.trajectory.duration
             else:
-                ended &= frames * count >= p.trajectory.sweep_count
+                ended &= self.schedule.in_whole_frames(pair, number) >= p.trajectory.sweep_count
         return ended
 
     def slots(self, limit: int) -> Slots:
-        """Return up to `limit` next measurements that share the present modes; none at the end or before a change."""
+        """Return up to `limit` next measurements that share modes and schedule; none at the end or before a change."""
+        if self._demands is not None:
+            limit = max(0, min(limit, self._change_due() - self.next_sweep_id))
         slots = self._at(np.arange(self.next_sweep_id, self.next_sweep_id + limit))
         stop = self._ended(slots)
         if self._by_range:
@@ -277,6 +283,32 @@ class Timeline:
         if not self._by_range or wanted == (self.modes[pair], self._start_delays[pair]):
             return []
         return self.change_mode(pair, *wanted)
+
+    def change_schedule(self, demands: Sequence[Demand]) -> None:
+        """Let another schedule follow as soon as each pair has had a slot of the present one.
+
+        Args:
+            demands: of the scenario's pairs.
+
+        Raises:
+            ConfigurationError: the number of demands is another one.
+        """
+        if len(demands) != len(self.scenario.pairs):
+            raise ConfigurationError(f'{len(demands)} demands for {len(self.scenario.pairs)} pairs')
+        self._demands = demands
+
+    def _change_due(self) -> int:
+        """Return the number of the first sweep of the schedule that follows."""
+        return self._first_sweep_id + self.schedule.change(self.next_sweep_id - self._first_sweep_id)
+
+    def due_schedule_change(self) -> list[Event]:
+        """Begin the schedule that follows if its time has come; return the settings, which state the granted rates."""
+        if self._demands is None or self._change_due() > self.next_sweep_id:
+            return []
+        number = self.next_sweep_id - self._first_sweep_id
+        self.schedule, self._demands = self.schedule.followed_by(self._demands, number), None
+        stamp = self.stamp(self.duration) - 1
+        return [event for pair in range(len(self.scenario.pairs)) for event in self._settings_events(pair, stamp)]
 
     def measurements(self, slots: Slots, pair: int) -> Measurements:
         """Return the conditions of those slots that belong to a pair."""
@@ -362,7 +394,7 @@ class Timeline:
             if isinstance(p.trajectory, Drive):
                 return p.trajectory.state(None, t)[0]
             # between two distances a standing crane is not simulated: its reference has settled
-            return distance + p.trajectory.step(index) * (t - time) / s.schedule.interval(pair)
+            return distance + p.trajectory.step(index) * (t - time) / self.schedule.interval(pair)
 
         error += sum((float(e.reference_error(time, distance, earlier)) for e in s.effects), 0.0)
         frame = 'reference' if len(s.pairs) == 1 else f'{p.first}/{p.second}'
@@ -380,7 +412,7 @@ class Timeline:
             due.append((t, [self._status(name, t, sweeps) for name in s.stations]))
         if s.reference.enabled and s.reference.interval:
             for number, t in _ticks(s.reference.interval, since, until):
-                index = max(int(s.schedule.before(0, sweeps + 1)) - 1, 0)
+                index = max(int(self.schedule.before(0, sweeps + 1)) - 1, 0)
                 distance = s.pairs[0].trajectory.state(np.array([index]), np.array([t]))[0][0]
                 due.append((t, [self._reference(number, 0, index, t, float(distance))]))
         for _, events in sorted(due, key=lambda item: item[0]):
@@ -402,7 +434,7 @@ class Timeline:
     def _status(self, station: str, time: float, measured: int) -> Event:
         stamp = self.stamp(time)
         own = [number for number, p in enumerate(self.scenario.pairs) if station in (p.first, p.second)]
-        sweeps = sum(int(self.scenario.schedule.before(number, measured)) for number in own)
+        sweeps = sum(int(self.schedule.before(number, measured)) for number in own)
         temperature = float(self.scenario.stations[station].board_temperature.at(time))
         frame = self.scenario.frame_id(station)
         return Event(f'/{station}/status', stamp, Status(station, stamp, frame, temperature, sweeps))
