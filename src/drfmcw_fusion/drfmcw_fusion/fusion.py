@@ -1,4 +1,4 @@
-"""Fusion node: pairs of stations' beat frequencies in, ranges out; requests the mode that the distance needs."""
+"""Fusion node: pairs of stations' beat frequencies in, ranges out; requests modes and rates from the stations."""
 
 import dataclasses
 import functools
@@ -12,11 +12,12 @@ from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, St
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from drfmcw_node.processing.records import Beat
-from drfmcw_physics.mode import ModeSettings, choose_mode
+from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.plausible import printable
+from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, falls_short
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_physics.sweep import Mode, SweepSettings
+from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
@@ -29,6 +30,7 @@ from drfmcw_ros.runner import run
 from .integrity.settings import IntegritySettings
 from .offline import read_weather, weather_std
 from .pipeline import UNMEASURED, USELESS, Flag, RangeFusion, RangeResult, flag_names
+from .requesting import NO_TURNS, Requests, Turns
 from .settings import FusionSettings
 
 _UNSURE = Flag.UNKNOWN_VELOCITY | Flag.STALE_CALIBRATION | Flag.STALE_ENVIRONMENT  # sensor_msgs: variance 0
@@ -38,8 +40,8 @@ _WEATHER_TYPES = {
     '/site/humidity': RelativeHumidity,
 }
 _LARGEST_FLOAT = 3.4e38  # of a float32 field
-_REQUEST_INTERVAL = 2.0  # after which a mode that the stations have not taken up is requested again [s]
 _LOG_INTERVAL = 10.0  # between two lines about refused messages [s]
+_LONGEST_SILENCE = 3600.0  # that is not reported, however low the rate [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
 _LEASE = 25.0  # after which DDS has forgotten a publisher that died: 20 s by default [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
@@ -56,14 +58,38 @@ class PairSettings:
         0.3, unit='rad', bounds=(0.0, 2.0 * math.pi), description='of range_sensor: beam width of the antennas'
     )
     switch_mode: bool = parameter(True, description='request from the stations the mode that the distance needs')
+    rates: list[float] = parameter(
+        [0.0], unit='Hz', bounds=(0.0, LARGEST_RATE),
+        description='sweeps per second that each of `pairs`, in their order, asks for in time division; '
+        "0 or left out: the hardware's own",
+    )  # fmt: skip
+    priorities: list[int] = parameter(
+        [0], bounds=(-LARGEST_PRIORITY, LARGEST_PRIORITY),
+        description='of each of `rates`: the higher one gets its rate first',
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Refuse names that are no pair."""
+        """Refuse names that are no pair, and rates of more pairs than there are."""
         for pair in self.pairs:
             if pair.count('/') != 1 or not all(pair.split('/')):
                 raise ConfigurationError(f"pairs: '{pair}' is not 'first/second'")
         if len(set(self.pairs)) != len(self.pairs):
             raise ConfigurationError(f'pairs: a pair is given twice in {self.pairs}')
+        for name in ('rates', 'priorities'):
+            given = len(getattr(self, name))
+            if given > len(self.pairs):
+                raise ConfigurationError(f'{name}: {given} values for {len(self.pairs)} pair(s)')
+
+    @functools.cached_property
+    def turns(self) -> dict[tuple[str, str], Turns]:
+        """What each pair asks of the time division."""
+        found = {}
+        for number, pair in enumerate(self.pairs):
+            first, second = pair.split('/')
+            rate = self.rates[number] if number < len(self.rates) else 0.0
+            priority = self.priorities[number] if number < len(self.priorities) else 0
+            found[first, second] = (rate, priority) if rate else NO_TURNS
+        return found
 
 
 @dataclasses.dataclass
@@ -75,6 +101,7 @@ class _PairState:
     newest: RangeResult | None = None
     ranges: int = 0  # since the last diagnostics
     flagged: int = 0
+    silent: int = 0  # diagnostics in a row without a range
     alone: float = dataclasses.field(default_factory=time.monotonic)  # when nobody else published last [s]
 
 
@@ -86,7 +113,7 @@ class FusionNode(ManagedNode):
         super().__init__('fusion', **kwargs)
         described = PairSettings(pairs=list(pairs)) if pairs else PairSettings()
         self._logger: Any = cast(Any, self).get_logger()  # rclpy gives it no type
-        self._pair_settings = SettingsParameters(self, PairSettings, described)
+        self._pair_settings = SettingsParameters(self, PairSettings, described, on_change=self._change_pairs)
         self._settings = SettingsParameters(self, FusionSettings, on_change=self._change)
         self._integrity = SettingsParameters(
             self, IntegritySettings, prefix='integrity', on_change=self._change_integrity
@@ -115,8 +142,8 @@ class FusionNode(ManagedNode):
                 qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RANGE),
                 qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RANGE),
             )
-        self._requests: dict[tuple[str, str], Any] = {}
-        self._requested: dict[tuple[str, str], tuple[Mode, float]] = {}  # and when [s]
+        self._request_publishers: dict[tuple[str, str], Any] = {}
+        self._requests = Requests(self._fusion.newest_sweep_config, self._publish_request)
         self._lost = (0, 0)
         for station in sorted(self._stations):
             self._listen_to(station)
@@ -143,11 +170,22 @@ class FusionNode(ManagedNode):
             self, BeatFrequency, sources.topic, take, qos.DEEP, batch=True, gather=_GATHER, numbers=sources.add
         )
         for pair in self._pairs:
-            if station in pair and pair[0] != pair[1]:
+            if station in pair:
                 peer = pair[1] if station == pair[0] else pair[0]
-                self._requests[station, peer] = qos.publisher(
+                self._request_publishers[station, peer] = qos.publisher(
                     self, SweepConfig, f'/{station}/sweep_request', qos.LATCHED, instance=peer
                 )
+
+    def activate(self) -> None:
+        """Ask for the rates of pairs whose settings came before."""
+        self._change_pairs(self._pair_settings.value)
+
+    def _change_pairs(self, settings: PairSettings) -> None:
+        if self.active:
+            self._requests.ask_turns(settings.turns)
+
+    def _publish_request(self, request: SweepSettings) -> None:
+        self._request_publishers[request.station, request.peer].publish(to_message(request, SweepConfig))
 
     def _change(self, settings: FusionSettings) -> None:
         if self.state() != 'unconfigured':  # else `configure` takes them
@@ -159,6 +197,7 @@ class FusionNode(ManagedNode):
 
     def _sweep_config(self, message: SweepConfig) -> None:
         self._take(message, lambda: self._fusion.add_sweep_config(from_message(message, SweepSettings)))
+        self._change_pairs(self._pair_settings.value)
 
     def _calibration(self, message: StationCalibration) -> None:
         self._take(message, lambda: self._fusion.add_calibration(from_message(message, Calibration)))
@@ -231,7 +270,10 @@ class FusionNode(ManagedNode):
         state.ranges += 1
         state.flagged += result.flags != Flag.VALID
         if self._pair_settings.value.switch_mode and not result.flags & USELESS:
-            self._request_mode(pair, result)
+            turns = self._pair_settings.value.turns[pair]
+            asked = self._requests.ask_mode(result, self._mode.value, turns, time.monotonic())
+            if asked is not None:
+                self._logger.info(f'{"/".join(pair)}: {asked.short_name} mode asked for at {result.range:.1f} m')
 
     def _sensor_message(self, result: RangeResult) -> Range:
         """Return the range for tools that know only the standard type (REP 117)."""
@@ -251,38 +293,13 @@ class FusionNode(ManagedNode):
             message.range = result.range
         return message
 
-    def _request_mode(self, pair: tuple[str, str], result: RangeResult) -> None:
-        """Announce the mode that the distance needs, once per change, to both stations of a pair."""
-        if pair[0] == pair[1]:
-            return
-        # the requested mode counts as the mode in use until the stations have changed: one request, not one per sweep,
-        # and another where they have not changed for a while
-        now = time.monotonic()
-        current, asked = self._requested.get(pair, (Mode(result.mode), now))
-        wanted = choose_mode(current, result.range, self._mode.value)
-        if wanted == current and (wanted == result.mode or now - asked < _REQUEST_INTERVAL):
-            if wanted == result.mode:
-                self._requested.pop(pair, None)
-            return
-        self._requested[pair] = (wanted, now)
-        for station, peer in (pair, pair[::-1]):
-            sweep = self._fusion.sweep_config(station, peer, result.stamp)
-            if sweep is None:
-                continue
-            delay = self._mode.value.start_delay(wanted)
-            request = dataclasses.replace(sweep, mode=int(wanted), start_delay=delay, stamp=result.stamp)
-            self._requests[station, peer].publish(to_message(request, SweepConfig))
-        self._logger.info(f'{"/".join(pair)}: {wanted.short_name} mode asked for at {result.range:.1f} m')
-
     def _diagnose(self, pair: tuple[str, str], status: Status) -> None:
         state = self._pairs[pair]
         self._diagnose_rivals(f'/{"/".join(pair)}/range', state, status)
-        if state.ranges == 0:
-            status.report(ERROR if state.newest is None else WARN, 'no range in the last second')
-        elif state.flagged:
+        self._diagnose_rate(pair, state, status)
+        if state.flagged:
             doubts = ', '.join(flag_names(state.newest.flags if state.newest else 0)) or 'none'
             status.report(WARN, f'{state.flagged} of {state.ranges} ranges in doubt, last: {doubts}')
-        status.value('ranges per second', state.ranges)
         if state.newest is not None:
             status.value('range [m]', state.newest.range)
             status.value('range_std [m]', state.newest.range_std)
@@ -293,6 +310,23 @@ class FusionNode(ManagedNode):
         for test, count in self._fusion.failures(pair).items():
             status.value(f'failed test {test}', count)
         state.ranges = state.flagged = 0
+
+    def _diagnose_rate(self, pair: tuple[str, str], state: _PairState, status: Status) -> None:
+        """Report how many ranges a second are asked for, are granted by the time division, and arrived."""
+        asked, _ = self._pair_settings.value.turns[pair]
+        settings = self._fusion.newest_sweep_config(*pair)
+        granted = settings.rate if settings is not None else 0.0
+        state.silent = 0 if state.ranges else state.silent + 1
+        # two sweeps are less than twice their mean interval apart
+        longest = math.ceil(min(2.0 / granted, _LONGEST_SILENCE)) if granted else 1
+        if state.silent >= longest:
+            span = 'second' if longest == 1 else f'{longest} s'
+            status.report(ERROR if state.newest is None else WARN, f'no range in the last {span}')
+        if granted and falls_short(granted, asked):
+            status.report(WARN, f'{granted:.4g} of {asked:g} ranges per second granted')
+        status.value('ranges per second asked for', asked or 'none')
+        status.value('ranges per second granted', granted or 'not stated')
+        status.value('ranges per second', state.ranges)
 
     def _diagnose_rivals(self, topic: str, state: _PairState, status: Status) -> None:
         """Report another node that publishes this pair's ranges, which consumers cannot keep apart from ours."""
