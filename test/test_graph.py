@@ -113,8 +113,10 @@ class Site:
             bool: (ParameterType.PARAMETER_BOOL, 'bool_value'),
             float: (ParameterType.PARAMETER_DOUBLE, 'double_value'),
             str: (ParameterType.PARAMETER_STRING, 'string_value'),
+            (float,): (ParameterType.PARAMETER_DOUBLE_ARRAY, 'double_array_value'),
+            (int,): (ParameterType.PARAMETER_INTEGER_ARRAY, 'integer_array_value'),
         }
-        kind, field = kinds[type(value)]
+        kind, field = kinds[(type(value[0]),) if isinstance(value, list) else type(value)]
         request = SetParameters.Request(
             parameters=[Parameter(name=name, value=ParameterValue(type=kind, **{field: value}))]
         )

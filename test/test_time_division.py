@@ -1,9 +1,11 @@
 """Several slaves, unequal: a recording shows who took turns how, and a silent slave costs the others nothing."""
 
+import json
+
 import numpy as np
 import pytest
 import yaml
-from checkout import CONFIG
+from checkout import CONFIG, DATA
 from test_graph import site
 
 from drfmcw_bringup.run import pair_names
@@ -35,13 +37,28 @@ def test_info_shows_who_took_turns_how(unequal, tmp_path, capsys):
     recording = tmp_path / 'recording'
     write_recording(read_scenario(unequal), recording)
     first, second, third = describe(str(recording))['schedule']
+    assert [(t['asked'], t['granted'], t['priority'], t['since']) for t in (first, second, third)] == [
+        (None, 10.0, 1, None),
+        (None, 5.0, 0, None),
+        (None, 5.0, 0, None),
+    ]
     assert [t['pair'] for t in (first, second, third)] == ['master/slave_1', 'master/slave_2', 'master/slave_3']
     assert first['rate'] == pytest.approx(0.5 / INTERVAL, rel=0.01)
     assert second['rate'] == pytest.approx(0.25 / INTERVAL, rel=0.01)
     assert first['sweeps'] == pytest.approx(2 * second['sweeps'], abs=2)
     assert all(t['answers'] == t['sweeps'] for t in (first, second, third))
     assert main([str(recording)]) == 0
-    assert 'longest wait' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert 'granted' in said and 'longest' in said and 'note: turns since' not in said
+
+
+def test_info_of_a_recording_from_before_rates_were_stated(capsys):
+    """Its settings lack rate and priority: they are read all the same, and nothing is made up."""
+    old = str(DATA / 'recording_0')
+    assert {(s['rate'], s['priority']) for s in describe(old)['sweep_configs']} == {(0.0, 0)}
+    assert main([old, '--json']) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=lambda name: name)
+    assert all(s['rate'] == 0.0 for s in found['sweep_configs'])
 
 
 @pytest.mark.graph
@@ -71,3 +88,53 @@ def test_silent_slave_costs_its_own_slots_only(unequal, tmp_path):
             'the missing pair',
         )
         live.wait(lambda: live.value('/simulator: Scenario', f'schedule of {pairs[0]}').startswith('10 Hz'), 'the plan')
+
+
+@pytest.mark.graph
+def test_rates_change_while_everything_runs(unequal, tmp_path):
+    """Asked of fusion, granted by the hardware, kept by the sweeps; a pair that never had a range is no exception."""
+    scenario = read_scenario(unequal)
+    pairs = pair_names(scenario)
+    recording = tmp_path / 'recording'
+    with site(tmp_path, pairs) as live:
+        live.start(unequal, {}, record=recording)
+
+        def numbers(pair, since=0):
+            return [a.sweep_id for a in list(live.monitor.arrivals) if a.pair == pair and a.sweep_id >= since]
+
+        def shown(pair):
+            name = f'/fusion: Range {pair}'
+            return tuple(live.value(name, f'ranges per second{what}') for what in (' asked for', ' granted'))
+
+        live.wait(lambda: min(len(numbers(p)) for p in pairs) >= 10, '10 ranges of each pair')
+        live.wait(lambda: [shown(p) for p in pairs] == [('none', r) for r in ('10', '5', '5')], "the scenario's rates")
+        live.graph.stop('station_slave_2')
+        assert live.set_parameter('/fusion', 'switch_mode', False)[0]
+        assert live.set_parameter('/fusion', 'priorities', [0, 0, 1])[0]
+        assert live.set_parameter('/fusion', 'rates', [2.0, 6.0, 12.0])[0]
+        wanted = [(rate, rate) for rate in ('2', '6', '12')]
+        live.wait(lambda: [shown(p) for p in pairs] == wanted, 'the rates asked for')
+        changed = max(a.sweep_id for a in list(live.monitor.arrivals)) + 1
+        live.wait(lambda: len(numbers(pairs[2], changed)) >= 60, '60 further ranges of the third pair')
+        assert len(numbers(pairs[1], changed)) == 0
+        for pair, share in ((0, 0.1), (2, 0.6)):
+            own = numbers(pairs[pair], changed)
+            assert (len(own) - 1) / (own[-1] - own[0]) == pytest.approx(share, rel=0.1)  # sweep numbers count slots
+        live.wait(
+            lambda: live.value('/simulator: Scenario', f'schedule of {pairs[1]}').startswith('6 Hz'),
+            'the share of the pair that does not answer',
+        )
+        for name, wrong in (('rates', [1.0] * 4), ('rates', [-1.0]), ('priorities', [5000])):
+            accepted, reason = live.set_parameter('/fusion', name, wrong)
+            assert not accepted and reason.startswith(name)
+        live.graph.stop('recorder')
+        first, second, third = describe(str(recording))['schedule']
+        assert [(t['asked'], t['granted'], t['priority']) for t in (first, second, third)] == [
+            (2.0, 2.0, 0),
+            (6.0, 6.0, 0),
+            (12.0, 12.0, 1),
+        ]
+        assert third['rate'] == pytest.approx(12.0, rel=0.1) and first['since'] == third['since']
+        assert second['sweeps'] > 0  # the hardware of the pair goes on
+        assert live.set_parameter('/fusion', 'rates', [0.0])[0]
+        live.wait(lambda: [shown(p) for p in pairs] == [('none', r) for r in ('10', '5', '5')], "the scenario's rates")

@@ -1,26 +1,31 @@
 """`info RECORDING`: what a recording holds, and whether it can be replayed."""
 
+import contextlib
 import dataclasses
 import itertools
 import json
 import statistics
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.sweep import Mode, Role, SweepSettings
+from drfmcw_physics.settings import ConfigurationError
+from drfmcw_physics.sweep import Mode, Role, SweepRequest, SweepSettings
 
 from ..cli import Parser, guarded
 from ..messages import from_message, stamp_ns
 from ..topics import SITE_TOPICS, split_station_topic
 from .files import BagReader
 from .options import add_damage_option
+
+_SETTINGS = ('sweep_config', 'sweep_request', 'calibration')  # last names of the topics read whole
+_PAUSE = 5.0  # times the median wait, beyond which a pair waits for something else than its turn
 
 
 def describe(path: str) -> dict[str, Any]:
@@ -30,18 +35,23 @@ def describe(path: str) -> dict[str, Any]:
         BagError: it cannot be read.
     """
     with BagReader(path) as bag:
-        settings_topics = {t for t in bag.topics if split_station_topic(t)[1] in ('sweep_config', 'calibration')}
+        settings_topics = {t for t in bag.topics if split_station_topic(t)[1] in _SETTINGS}
         sweeps: list[dict[str, Any]] = []
+        requests: dict[tuple[str, str], SweepRequest] = {}
         calibrations: list[dict[str, Any]] = []
         for topic, _, message in bag.messages(settings_topics):
-            if split_station_topic(topic)[1] == 'sweep_config':
+            kind = split_station_topic(topic)[1]
+            if kind == 'sweep_config':
                 settings = from_message(message, SweepSettings)
                 sweeps.append({name: value for name, value in dataclasses.asdict(settings).items() if name != 'cut'})
+            elif kind == 'sweep_request':
+                with contextlib.suppress(ConfigurationError):  # refused by the hardware too
+                    requests[message.station, message.peer] = from_message(message, SweepRequest)
             else:
                 calibrations.append(dataclasses.asdict(from_message(message, Calibration)))
         recorded = {c.topic: {'type': c.msgtype, 'messages': c.msgcount} for c in bag.connections}
         stations = sorted(split_station_topic(t)[0] for t in recorded if split_station_topic(t)[1] == 'if_samples')
-        turns = _turns(bag, sweeps)
+        turns = _turns(bag, sweeps, requests)
         return {
             'recording': str(path),
             'start': bag.start_time if bag.message_count else None,
@@ -59,11 +69,14 @@ def describe(path: str) -> dict[str, Any]:
         }
 
 
-def _turns(bag: BagReader, configs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return how pairs took turns, one entry per pair: sweeps of both stations, rate and longest wait.
+def _turns(
+    bag: BagReader, configs: Sequence[dict[str, Any]], requests: Mapping[tuple[str, str], SweepRequest]
+) -> list[dict[str, Any]]:
+    """Return how pairs took turns, one entry per pair, as it was at last: since a granted rate last changed.
 
-    Read from the sweeps themselves, so it holds for any hardware. A station that did not answer has fewer sweeps than
-    its partner. Empty where at most one pair measures.
+    What was asked for and granted, and counted from the sweeps themselves, whatever hardware made them: the sweeps of
+    both stations, rate and longest wait. A station that did not answer has fewer sweeps than its partner. Empty where
+    at most one pair measures.
     """
     pairs = sorted({(c['station'], c['peer']) for c in configs if c['role'] == Role.FIRST})
     if len(pairs) < 2:
@@ -72,20 +85,43 @@ def _turns(bag: BagReader, configs: Sequence[dict[str, Any]]) -> list[dict[str, 
     for topic, _, message in bag.messages({t for t in bag.topics if split_station_topic(t)[1] == 'if_samples'}):
         station = split_station_topic(topic)[0]
         stamps.setdefault((station, message.peer), []).append(stamp_ns(message.header.stamp))
+    grants = {pair: _granted([c for c in configs if (c['station'], c['peer']) == pair]) for pair in pairs}
+    since = max(stamp for _, _, stamp in grants.values())
     found = []
     for first, second in pairs:
-        own, answers = sorted(stamps.get((first, second), [])), len(stamps.get((second, first), []))
+        request = requests.get((first, second))
+        asked = request.rate if request is not None and request.rate > 0.0 else None
+        granted, priority, _ = grants[first, second]
+        own = sorted(stamp for stamp in stamps.get((first, second), []) if stamp >= since)
+        answers = sum(stamp >= since for stamp in stamps.get((second, first), []))
         waits = [b - a for a, b in itertools.pairwise(own)]
+        turns = [wait for wait in waits if wait <= _PAUSE * statistics.median(waits)]
         found.append(
             {
                 'pair': f'{first}/{second}',
+                'asked': asked,
+                'granted': granted,
+                'priority': priority,
+                'since': since or None,
                 'sweeps': len(own),
-                'answers': answers if first != second else len(own),
-                'rate': 1e9 / statistics.median(waits) if waits and statistics.median(waits) else None,
+                'answers': answers,
+                'rate': 1e9 / statistics.mean(turns) if sum(turns) else None,
                 'longest_wait': max(waits) * 1e-9 if waits else None,
             }
         )
     return found
+
+
+def _granted(configs: Sequence[dict[str, Any]]) -> tuple[float | None, int | None, int]:
+    """Return rate [Hz] and priority that a pair was granted last, and since when [ns]; 0: from the beginning on.
+
+    Both are None where the hardware does not state them.
+    """
+    runs = [list(run) for _, run in itertools.groupby(configs, lambda c: (c['rate'], c['priority']))]
+    newest = runs[-1][0]
+    stated = newest['rate'] > 0.0
+    since = newest['stamp'] if len(runs) > 1 else 0
+    return (newest['rate'], newest['priority'], since) if stated else (None, None, since)
 
 
 def _missing(stations: Sequence[str], topics: set[str]) -> list[str]:
@@ -117,12 +153,19 @@ def _show(found: dict[str, Any], console: Console) -> None:
     console.print(settings)
     if found['schedule']:
         turns = Table(
-            *map(escape, ('pair', 'sweeps', 'of the peer', 'rate [Hz]', 'longest wait [s]')), header_style='bold'
+            Column('pair', no_wrap=True),
+            *map(escape, ('asked [Hz]', 'granted', 'arrived', 'longest wait [s]')),
+            *('sweeps', 'of the peer'),
+            header_style='bold',
         )
         for t in found['schedule']:
-            numbers = ('-' if value is None else f'{value:.4g}' for value in (t['rate'], t['longest_wait']))
-            turns.add_row(t['pair'], str(t['sweeps']), str(t['answers']), *numbers)
+            names = ('asked', 'granted', 'rate', 'longest_wait')
+            numbers = ('-' if t[name] is None else f'{t[name]:.4g}' for name in names)
+            turns.add_row(t['pair'], *numbers, str(t['sweeps']), str(t['answers']))
         console.print(turns)
+        if since := found['schedule'][0]['since']:
+            seconds = (since - found['start']) * 1e-9
+            console.print(f'note: turns since the schedule changed, {seconds:.1f} s after the start', highlight=False)
     clocks = Table(
         *map(escape, ('station', 'reference [ppm]', 'ADC clock [ppm]', 'at [degC]', 'delay [ns]')),
         *map(escape, ('noise floor [dBm/Hz]', 'phase noise [dBc/Hz]', 'corner [kHz]')),
