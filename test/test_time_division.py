@@ -9,6 +9,9 @@ from checkout import CONFIG, DATA
 from test_graph import site
 
 from drfmcw_bringup.run import pair_names
+from drfmcw_fusion.offline import replay_recording
+from drfmcw_fusion.replayed.verification import compare, recorded_ranges
+from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.bag.info import describe, main
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import read_scenario
@@ -136,5 +139,8 @@ def test_rates_change_while_everything_runs(unequal, tmp_path):
         ]
         assert third['rate'] == pytest.approx(12.0, rel=0.1) and first['since'] == third['since']
         assert second['sweeps'] > 0  # the hardware of the pair goes on
+        with BagReader(str(recording)) as bag:
+            found = compare(recorded_ranges(bag), replay_recording(str(recording)).results)
+        assert (found.different, found.only_recorded) == (0, 0) and found.identical > 80
         assert live.set_parameter('/fusion', 'rates', [0.0])[0]
         live.wait(lambda: [shown(p) for p in pairs] == [('none', r) for r in ('10', '5', '5')], "the scenario's rates")

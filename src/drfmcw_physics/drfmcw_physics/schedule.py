@@ -105,6 +105,10 @@ class Schedule:
         """Return the sweeps per second of a pair [Hz]."""
         return 1.0 / self.interval(pair)
 
+    def grant(self, pair: int) -> tuple[float, int]:
+        """Return the sweeps per second of a pair [Hz], and the priority with which it gets them."""
+        return self.rate(pair), self.demands[pair].priority
+
     def longest_wait(self, pair: int) -> float:
         """Return the longest time between two sweeps of a pair [s]."""
         own = np.flatnonzero(np.array(self.frame) == pair)

@@ -155,7 +155,7 @@ class Timeline:
     def sweep_settings(self, pair: int) -> tuple[SweepSettings, ...]:
         """Return the settings now in use by both stations of a pair."""
         settings = self.scenario.sweep_settings(self.scenario.pairs[pair], self.modes[pair], self._start_delays[pair])
-        rate, priority = self.schedule.rate(pair), self.schedule.demands[pair].priority
+        rate, priority = self.schedule.grant(pair)
         return tuple(dataclasses.replace(s, rate=rate, priority=priority) for s in settings)
 
     @property
@@ -302,13 +302,14 @@ class Timeline:
         return self._first_sweep_id + self.schedule.change(self.next_sweep_id - self._first_sweep_id)
 
     def due_schedule_change(self) -> list[Event]:
-        """Begin the schedule that follows if its time has come; return the settings, which state the granted rates."""
+        """Begin the schedule that follows if its time has come; return the settings of pairs whose grant changes."""
         if self._demands is None or self._change_due() > self.next_sweep_id:
             return []
-        number = self.next_sweep_id - self._first_sweep_id
-        self.schedule, self._demands = self.schedule.followed_by(self._demands, number), None
+        number, before = self.next_sweep_id - self._first_sweep_id, self.schedule
+        self.schedule, self._demands = before.followed_by(self._demands, number), None
         stamp = self.stamp(self.duration) - 1
-        return [event for pair in range(len(self.scenario.pairs)) for event in self._settings_events(pair, stamp)]
+        changed = [p for p in range(len(self.scenario.pairs)) if before.grant(p) != self.schedule.grant(p)]
+        return [event for pair in changed for event in self._settings_events(pair, stamp)]
 
     def measurements(self, slots: Slots, pair: int) -> Measurements:
         """Return the conditions of those slots that belong to a pair."""

@@ -16,8 +16,8 @@ from drfmcw_sim.timeline import Timeline
 def changed(timeline, demands, block=8):
     """Ask for another schedule; return the turns until it begins, and the settings published then."""
     timeline.change_schedule(demands)
-    turns = []
-    while not (published := timeline.due_schedule_change()):
+    turns, before = [], timeline.schedule
+    while (published := timeline.due_schedule_change()) == [] and timeline.schedule is before:
         slots = timeline.slots(block)
         timeline.advance(len(slots))
         turns += slots.pair.tolist()
@@ -46,6 +46,8 @@ def test_schedule_changes_while_it_runs():
     for pair in range(3):  # as if it had always been so, for whoever counts sweeps of a pair
         own = np.concatenate([before.pair, after.pair]) == pair
         assert timeline.schedule.before(pair, 511) == own.sum()
+    _, published = changed(timeline, [Demand(5.0), Demand(25.0, 3), Demand(20.0)])
+    assert published == []  # the same rates, and nobody to say it to
     rendered = [e.content for e in timeline.render(after[:8]) if e.topic == '/master/if_samples']
     assert [s.peer for s in rendered] == [timeline.scenario.pairs[p].second for p in after.pair[:8]]
 
