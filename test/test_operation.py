@@ -106,9 +106,9 @@ def test_no_node_may_publish_what_another_one_measures():
         own = [topic for topic in node.publish if topic != '/diagnostics']
         if node.node == 'station':
             assert own and all(topic.startswith(node.namespace + '/') for topic in own)
-            assert not any(topic.endswith('sweep_request') for topic in own)
+            assert not any(topic.endswith('_request') for topic in own)
         elif node.node == 'fusion':
-            assert all(re.search('/(range|range_sensor|sweep_request)$', topic) for topic in own)
+            assert all(re.search('/(range|range_sensor|sweep_request|schedule_request)$', topic) for topic in own)
         else:
             assert own == []
 

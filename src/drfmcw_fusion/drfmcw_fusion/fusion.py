@@ -8,14 +8,21 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, StationCalibration, StationStatus, SweepConfig
+from drfmcw_msgs.msg import (
+    BeatFrequency,
+    RangeEstimate,
+    StationCalibration,
+    StationStatus,
+    SweepConfig,
+    SweepSchedule,
+)
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.plausible import printable
-from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, falls_short
+from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, NO_TURNS, Share, Turns, falls_short
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
@@ -30,7 +37,7 @@ from drfmcw_ros.runner import run
 from .integrity.settings import IntegritySettings
 from .offline import read_weather, weather_std
 from .pipeline import UNMEASURED, USELESS, Flag, RangeFusion, RangeResult, flag_names
-from .requesting import NO_TURNS, Requests, Turns
+from .requesting import ModeRequests, TurnRequests
 from .settings import FusionSettings
 
 _UNSURE = Flag.UNKNOWN_VELOCITY | Flag.STALE_CALIBRATION | Flag.STALE_ENVIRONMENT  # sensor_msgs: variance 0
@@ -142,8 +149,11 @@ class FusionNode(ManagedNode):
                 qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RANGE),
                 qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RANGE),
             )
-        self._request_publishers: dict[tuple[str, str], Any] = {}
-        self._requests = Requests(self._fusion.newest_sweep_config, self._publish_request)
+        self._mode_publishers: dict[tuple[str, str], Any] = {}
+        self._turn_publishers: dict[tuple[str, str], Any] = {}
+        self._mode_requests = ModeRequests(self._fusion.sweep_config, self._request_mode)
+        self._turn_requests = TurnRequests(self._request_turns)
+        self._granted: dict[tuple[str, str], Share] = {}  # by station and peer
         self._lost = (0, 0)
         for station in sorted(self._stations):
             self._listen_to(station)
@@ -162,6 +172,7 @@ class FusionNode(ManagedNode):
     def _listen_to(self, station: str) -> None:
         latched = qos.latched_subscription(_LARGEST_PAIR_COUNT)
         self._first.subscription(SweepConfig, f'/{station}/sweep_config', self._sweep_config, latched)
+        self._first.subscription(SweepSchedule, f'/{station}/sweep_schedule', self._sweep_schedule, latched)
         self._first.subscription(StationCalibration, f'/{station}/calibration', self._calibration, latched)
         self._first.subscription(StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
         sources = Publishers(f'/{station}/beat_frequency')
@@ -170,22 +181,30 @@ class FusionNode(ManagedNode):
             self, BeatFrequency, sources.topic, take, qos.DEEP, batch=True, gather=_GATHER, numbers=sources.add
         )
         for pair in self._pairs:
-            if station in pair:
-                peer = pair[1] if station == pair[0] else pair[0]
-                self._request_publishers[station, peer] = qos.publisher(
+            if station not in pair:
+                continue
+            peer = pair[1] if station == pair[0] else pair[0]
+            self._turn_publishers[station, peer] = qos.publisher(
+                self, SweepSchedule, f'/{station}/schedule_request', qos.LATCHED, instance=peer
+            )
+            if station != peer:
+                self._mode_publishers[station, peer] = qos.publisher(
                     self, SweepConfig, f'/{station}/sweep_request', qos.LATCHED, instance=peer
                 )
 
     def activate(self) -> None:
-        """Ask for the rates of pairs whose settings came before."""
+        """Ask for the rates of the pairs."""
         self._change_pairs(self._pair_settings.value)
 
     def _change_pairs(self, settings: PairSettings) -> None:
         if self.active:
-            self._requests.ask_turns(settings.turns)
+            self._turn_requests.ask(settings.turns, self.get_clock().now().nanoseconds)
 
-    def _publish_request(self, request: SweepSettings) -> None:
-        self._request_publishers[request.station, request.peer].publish(to_message(request, SweepConfig))
+    def _request_mode(self, request: SweepSettings) -> None:
+        self._mode_publishers[request.station, request.peer].publish(to_message(request, SweepConfig))
+
+    def _request_turns(self, request: Share) -> None:
+        self._turn_publishers[request.station, request.peer].publish(to_message(request, SweepSchedule))
 
     def _change(self, settings: FusionSettings) -> None:
         if self.state() != 'unconfigured':  # else `configure` takes them
@@ -197,7 +216,12 @@ class FusionNode(ManagedNode):
 
     def _sweep_config(self, message: SweepConfig) -> None:
         self._take(message, lambda: self._fusion.add_sweep_config(from_message(message, SweepSettings)))
-        self._change_pairs(self._pair_settings.value)
+
+    def _sweep_schedule(self, message: SweepSchedule) -> None:
+        def take() -> None:
+            self._granted[message.station, message.peer] = from_message(message, Share)
+
+        self._take(message, take)
 
     def _calibration(self, message: StationCalibration) -> None:
         self._take(message, lambda: self._fusion.add_calibration(from_message(message, Calibration)))
@@ -270,8 +294,7 @@ class FusionNode(ManagedNode):
         state.ranges += 1
         state.flagged += result.flags != Flag.VALID
         if self._pair_settings.value.switch_mode and not result.flags & USELESS:
-            turns = self._pair_settings.value.turns[pair]
-            asked = self._requests.ask_mode(result, self._mode.value, turns, time.monotonic())
+            asked = self._mode_requests.ask(result, self._mode.value, time.monotonic())
             if asked is not None:
                 self._logger.info(f'{"/".join(pair)}: {asked.short_name} mode asked for at {result.range:.1f} m')
 
@@ -314,8 +337,8 @@ class FusionNode(ManagedNode):
     def _diagnose_rate(self, pair: tuple[str, str], state: _PairState, status: Status) -> None:
         """Report how many ranges a second are asked for, are granted by the time division, and arrived."""
         asked, _ = self._pair_settings.value.turns[pair]
-        settings = self._fusion.newest_sweep_config(*pair)
-        granted = settings.rate if settings is not None else 0.0
+        schedule = self._granted.get(pair)
+        granted = schedule.rate if schedule is not None else 0.0
         state.silent = 0 if state.ranges else state.silent + 1
         # two sweeps are less than twice their mean interval apart
         longest = math.ceil(min(2.0 / granted, _LONGEST_SILENCE)) if granted else 1

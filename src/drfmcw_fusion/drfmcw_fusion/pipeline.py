@@ -180,11 +180,6 @@ class RangeFusion:
         found = history.at(stamp) if history else None
         return found[1] if found else None
 
-    def newest_sweep_config(self, station: str, peer: str) -> SweepSettings | None:
-        """Return the newest settings, None where none are known."""
-        history = self._sweeps.get((station, peer))
-        return history.latest() if history else None
-
     def add_beat(self, beat: Beat, arrival: float = 0.0) -> RangeResult | None:
         """Take in one station's result; return the range once both stations' results of a sweep are there.
 

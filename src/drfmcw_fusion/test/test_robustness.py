@@ -14,6 +14,7 @@ from drfmcw_msgs.msg import (
     StationCalibration,
     StationStatus,
     SweepConfig,
+    SweepSchedule,
 )
 from hypothesis import HealthCheck, example, given
 from hypothesis import settings as hypothesis_settings
@@ -146,6 +147,7 @@ def test_fusion_survives_any_message(fusion, data):
             [
                 (BeatFrequency, lambda m: fusion._beats(m.station, Publishers('/any/beat_frequency'), [m])),
                 (SweepConfig, fusion._sweep_config),
+                (SweepSchedule, fusion._sweep_schedule),
                 (StationCalibration, fusion._calibration),
                 (StationStatus, fusion._status),
                 (Temperature, lambda m: fusion._weather('/site/temperature', m)),

@@ -13,11 +13,20 @@ import urllib.parse
 from collections.abc import Sequence
 from typing import Any
 
+from drfmcw_physics.schedule import NO_TURNS
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.cli import Parser, guarded
 
-from .sources.feed import FRAGMENT_PAYLOAD, SEALED_PAYLOAD, Frame, decode_requests, encode, encode_fragments
-from .sources.recording import recorded_frames
+from .sources.feed import (
+    FRAGMENT_PAYLOAD,
+    SEALED_PAYLOAD,
+    Frame,
+    Request,
+    decode_requests,
+    encode,
+    encode_fragments,
+)
+from .sources.recording import recorded_frames, recorded_shares
 from .sources.sealing import (
     HELLO_SIZE,
     TO_DIGITISER,
@@ -62,6 +71,7 @@ def _send(arguments: argparse.Namespace) -> None:
     if arguments.rate < 0.0 or arguments.repeat < 1:
         raise ConfigurationError('--rate must not be negative and --repeat at least 1')
     _, sweeps = recorded_frames(arguments.recording, arguments.station)
+    shares = recorded_shares(arguments.recording, arguments.station)
     key, context = read_key(arguments.key), _tls(arguments)
     if context is not None and target.scheme != 'tcp':
         raise ConfigurationError('--tls-ca: TLS needs tcp://; udp:// takes --key')
@@ -74,6 +84,8 @@ def _send(arguments: argparse.Namespace) -> None:
             due = sent / arguments.rate if arguments.rate else passed * 1e-9
             time.sleep(max(0.0, start + due - time.monotonic()))
             stamp = time.time_ns() if arguments.now else sweep.stamp + round_number * span
+            granted = shares[sweep.peer].at(sweep.stamp) if sweep.peer in shares else None
+            rate, priority = granted[1].turns if granted is not None else NO_TURNS
             sender.send(
                 Frame(
                     sweep_id=sweep.sweep_id + round_number * (sweeps[-1][0].sweep_id + 1),
@@ -84,8 +96,8 @@ def _send(arguments: argparse.Namespace) -> None:
                     peer=sweep.peer,
                     mode=settings.mode,
                     start_delay=settings.start_delay,
-                    rate=settings.rate,
-                    priority=settings.priority,
+                    rate=rate,
+                    priority=priority,
                 )
             )
             sent += 1
@@ -173,9 +185,11 @@ class _TcpSender:
                 data = self._requests.feed(data)
             requests, self._received = decode_requests(self._received + data)
             for request in requests:
-                turns = f'rate {request.rate:g} Hz, priority {request.priority}'
-                mode = f'mode {request.mode}, start_delay {request.start_delay:g} s'
-                print(f'requested: {mode}, {turns}, peer {request.peer!r}')
+                if isinstance(request, Request):
+                    asked = f'mode {request.mode}, start_delay {request.start_delay:g} s'
+                else:
+                    asked = f'rate {request.rate:g} Hz, priority {request.priority}'
+                print(f'requested: {asked}, peer {request.peer!r}')
 
 
 class _UdpSender:

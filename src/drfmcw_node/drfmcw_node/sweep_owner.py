@@ -6,14 +6,14 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drfmcw_msgs.msg import BeatFrequency, StationCalibration, StationStatus, SweepConfig
+from drfmcw_msgs.msg import BeatFrequency, StationCalibration, StationStatus, SweepConfig, SweepSchedule
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE
+from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, NO_TURNS, Share, Turns
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
-from drfmcw_physics.sweep import SweepRequest, SweepSettings
+from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
@@ -22,12 +22,10 @@ from drfmcw_ros.messages import to_message
 from drfmcw_ros.parameters import SettingsParameters
 
 from .processing.records import Sweep
-from .sources.feed import Frame, Request
+from .sources.feed import Frame, Request, TurnsRequest
 from .sources.source import Source
 from .station_settings import Housekeeping, StationNames, StationSettings
 from .sweep_node import SweepNode
-
-_NO_TURNS = (0.0, 0)  # rate and priority where none is asked for or stated
 
 
 class SweepOwner:
@@ -54,7 +52,9 @@ class SweepOwner:
         """
         self._node, self._names, self._settings, self._process = node, names, settings, process
         self._announced: dict[str, SweepSettings] = {}  # by peer
+        self._granted: dict[str, Turns] = {}  # by peer
         self._config_publishers: dict[str, Publisher] = {}  # by peer
+        self._schedule_publishers: dict[str, Publisher] = {}  # by peer
         self._calibrated = False
         self._frame: Frame | None = None
         self._heard = 0  # results of peers, which show that the peers hear this station
@@ -94,6 +94,8 @@ class SweepOwner:
         while self._ends:
             self._ends.pop()()
         self._config_publishers.clear()
+        self._schedule_publishers.clear()
+        self._granted.clear()
 
     def forget(self) -> None:
         """Forget what was announced."""
@@ -132,6 +134,16 @@ class SweepOwner:
         self._node.processor.add_sweep_config(settings)
         self._config_publishers[peer].publish(to_message(settings, SweepConfig))
 
+    def _announce_schedule(self, schedule: Share) -> None:
+        """Publish what the time division grants from a stamp on."""
+        peer = schedule.peer
+        if peer not in self._schedule_publishers:
+            topic = self._names.own('sweep_schedule')
+            self._schedule_publishers[peer] = self._published(SweepSchedule, topic, qos.LATCHED, _identifier(peer))
+        self._granted[peer] = schedule.turns
+        schedule = dataclasses.replace(schedule, frame_id=self._frame_id(schedule.frame_id))
+        self._schedule_publishers[peer].publish(to_message(schedule, SweepSchedule))
+
     def _announce_calibration(self, calibration: Calibration) -> None:
         """Use a calibration from its stamp on, 0 for from now on, and publish it if it is this station's."""
         if calibration.station == self._names.station:
@@ -160,6 +172,8 @@ class SweepOwner:
                     sweeps = []
                     if isinstance(item, SweepSettings):
                         self._announce(item)
+                    elif isinstance(item, Share):
+                        self._announce_schedule(item)
                     else:
                         self._announce_calibration(item)
             self._process(sweeps)
@@ -214,7 +228,7 @@ class FeedOwner(SweepOwner):
         store = CalibrationStore(state_directory(os.environ, settings.value.state_directory))
         stored = store.newest(names.station)
         super().__init__(node, names, settings, process, source, source_settings)
-        self._passed: dict[str, tuple[float, int]] = {}  # rate and priority asked of the digitiser, by peer
+        self._passed: dict[str, Turns] = {}  # rate and priority asked of the digitiser, by peer
         self._sweep = SettingsParameters(
             node, SweepSettings, SweepSettings(names.station, ''), 'sweep', self._change_sweep
         )
@@ -234,6 +248,8 @@ class FeedOwner(SweepOwner):
                 self._subscribed(BeatFrequency, topic, self._hear, qos.RELIABLE)
         requests = qos.latched_subscription(len(peers))
         self._subscribed(SweepConfig, self._names.own('sweep_request'), self._take_request, requests)
+        turns = self._names.own('schedule_request')
+        self._subscribed(SweepSchedule, turns, self._take_schedule_request, requests)
         if self.source.address():
             self._node.get_logger().info(f'listening for sweeps at {self.source.address()}')
 
@@ -260,22 +276,26 @@ class FeedOwner(SweepOwner):
             raise ConfigurationError(f'version {document.version} is stored but not in use: {result.reason}')
 
     def _take_request(self, message: SweepConfig) -> None:
-        """Pass the wish for another mode or rate to the hardware; the frames show what the hardware then does."""
-        request = self._node.converted(message, SweepRequest, 'sweep_request')
-        current = None if request is None else self._announced.get(request.peer)
-        if request is None or current is None:
+        """Pass the wish for another mode to the hardware; the frames show what the hardware then does."""
+        if self._node.converted(message, SweepSettings, 'sweep_request') is None:
             return
-        if request.asks_mode and request.start_delay >= current.ramp_duration:
-            self._node.warn(f'sweep_request: start_delay = {request.start_delay:g} s is not shorter than the ramp')
+        current = self._announced.get(message.peer)
+        if current is None or (current.mode, current.start_delay) == (message.mode, message.start_delay):
             return
-        other_mode = (current.mode, current.start_delay) != (request.mode, request.start_delay)
-        other_turns = request.turns != self._passed.get(request.peer, _NO_TURNS)
-        if not (request.asks_mode and other_mode) and not other_turns:
-            return
-        if not self.source.request(Request(request.mode, request.start_delay, request.peer, *request.turns)):
+        if not self.source.request(Request(message.mode, message.start_delay, message.peer)):
             self._node.warn('sweep_request: the source cannot pass it to the digitiser')
+
+    def _take_schedule_request(self, message: SweepSchedule) -> None:
+        """Pass the wish for another rate to the hardware; the frames show what the hardware then grants."""
+        asked = self._node.converted(message, Share, 'schedule_request')
+        if asked is None or asked.peer not in self._announced:
             return
-        self._passed[request.peer] = request.turns
+        if asked.turns == self._passed.get(asked.peer, NO_TURNS):
+            return
+        if not self.source.request(TurnsRequest(*asked.turns, asked.peer)):
+            self._node.warn('schedule_request: the source cannot pass it to the digitiser')
+            return
+        self._passed[asked.peer] = asked.turns
 
     def _hear(self, message: BeatFrequency) -> None:
         if message.peer == self._names.station:
@@ -289,23 +309,23 @@ class FeedOwner(SweepOwner):
         current = self._announced.get(peer)
         if current is not None:
             delay = current.start_delay if math.isnan(frame.start_delay) else frame.start_delay
-            rate, priority = _granted(frame)
-            before = (current.mode, current.start_delay, current.rate, current.priority)
-            if before != (frame.mode, delay, rate, priority):
-                changed = dataclasses.replace(current, mode=frame.mode, start_delay=delay, rate=rate, priority=priority)
+            if (current.mode, current.start_delay) != (frame.mode, delay):
                 try:
-                    self._announce(dataclasses.replace(changed, stamp=stamp))
+                    self._announce(dataclasses.replace(current, mode=frame.mode, start_delay=delay, stamp=stamp))
                 except ConfigurationError as error:
                     self._node.warn(f'frame of sweep {frame.sweep_id}: {error}')
-        if frame.version < 2 and self._passed.get(peer, _NO_TURNS) != _NO_TURNS:
-            self._node.warn(f'sweep_request: a digitiser of version {frame.version} of the feed knows no rates')
+            turns = _granted(frame)
+            if turns != self._granted.get(peer, NO_TURNS):
+                self._announce_schedule(Share(self._names.station, peer, *turns, stamp))
+        if frame.version < 2 and self._passed.get(peer, NO_TURNS) != NO_TURNS:
+            self._node.warn(f'schedule_request: a digitiser of version {frame.version} of the feed knows no rates')
         return frame.sweep(self._names.station, peer, stamp, '')
 
 
-def _granted(frame: Frame) -> tuple[float, int]:
-    """Return rate [Hz] and priority that a frame states, `_NO_TURNS` where it states none that can be."""
+def _granted(frame: Frame) -> Turns:
+    """Return rate [Hz] and priority that a frame states, `NO_TURNS` where it states none that can be."""
     stated = 0.0 < frame.rate <= LARGEST_RATE and abs(frame.priority) <= LARGEST_PRIORITY
-    return (frame.rate, frame.priority) if stated else _NO_TURNS
+    return (frame.rate, frame.priority) if stated else NO_TURNS
 
 
 def _identifier(name: str) -> str:

@@ -51,9 +51,6 @@ _BOARD = Limits(-100.0, 150.0, 'degC', nan=True, other=(('K', 1.0, -ZERO_CELSIUS
 _CLOCKS = ('alpha', 'sample_clock')
 _CLOCK_STD = Limits(0.0, 1e-4, nan=True, other=(('ppm', 1e-6, 0.0),))
 _CLOCK = Limits(1.0 - 5e-4, 1.0 + 5e-4, other=(('ppm of deviation', 1e-6, 1.0),))
-_MODE = Limits(0, 1)
-_START_DELAY = Limits(0.0, 1.0, 's', other=_TIME)
-_TURNS = {'rate': Limits(0.0, LARGEST_RATE, 'Hz', nan=True), 'priority': Limits(-LARGEST_PRIORITY, LARGEST_PRIORITY)}
 
 LIMITS: dict[str, dict[str, Limits]] = {
     'Temperature': {'temperature': Limits(-90.0, 70.0, 'degC', nan=True, other=(('K', 1.0, -ZERO_CELSIUS),))},
@@ -86,19 +83,21 @@ LIMITS: dict[str, dict[str, Limits]] = {
     },
     'SweepConfig': {
         'role': Limits(1, 2),
-        'mode': _MODE,
+        'mode': Limits(0, 1),
         'start_frequency': Limits(1e6, 1e12, 'Hz', other=_FREQUENCY),
         'bandwidth': Limits(-1e11, 1e11, 'Hz'),
         'ramp_duration': Limits(1e-6, 100.0, 's', other=_TIME),
-        'start_delay': _START_DELAY,
+        'start_delay': Limits(0.0, 1.0, 's', other=_TIME),
         'sample_rate': Limits(1e2, 1e10, 'Hz'),
         'sample_count': Limits(16, 1 << 24),
         'tx_eirp': Limits(-200.0, 100.0, 'dBm', nan=True),
         'rx_antenna_gain': Limits(-100.0, 100.0, 'dBi', nan=True),
         'full_scale_power': Limits(-200.0, 100.0, 'dBm', nan=True),
-        **_TURNS,
     },
-    'SweepRequest': {'mode': _MODE, 'start_delay': dataclasses.replace(_START_DELAY, nan=True), **_TURNS},
+    'SweepSchedule': {
+        'rate': Limits(0.0, LARGEST_RATE, 'Hz'),
+        'priority': Limits(-LARGEST_PRIORITY, LARGEST_PRIORITY),
+    },
     'BeatFrequency': {
         'frequency': Limits(0.0, 1e10, 'Hz', nan=True),
         'frequency_std': Limits(0.0, 1e10, 'Hz', nan=True, infinite=True),
@@ -110,10 +109,7 @@ LIMITS: dict[str, dict[str, Limits]] = {
     'IfSamples': {'full_scale': Limits(1.0, 32768.0, 'LSB')},
     'CompressedIfSamples': {'full_scale': Limits(1.0, 32768.0, 'LSB'), 'sample_count': Limits(1, 1 << 25)},
 }
-"""Limits of every number that live nodes and the replay take from a message, by message type and field.
-
-A SweepRequest is a SweepConfig of which only these fields are looked at.
-"""
+"""Limits of every number that live nodes and the replay take from a message, by message type and field."""
 
 
 def refusal(kind: str, message: Any) -> str:

@@ -18,6 +18,12 @@ LARGEST_RATE = 1e5
 LARGEST_PRIORITY = 1000
 """Of a pair; the smallest is its negative."""
 
+Turns = tuple[float, int]
+"""Rate [Hz] and priority of a pair; `NO_TURNS` where none is asked for or stated."""
+
+NO_TURNS: Turns = (0.0, 0)
+"""Neither rate nor priority."""
+
 _LONGEST_FRAME = 1000  # slots; rates are granted to a thousandth of all
 
 
@@ -27,6 +33,24 @@ class Demand:
 
     rate: float = math.nan  # at least so many sweeps per second; NaN: an equal share of what is left [Hz]
     priority: int = 0  # the higher one gets its rate first
+
+
+@dataclasses.dataclass(frozen=True)
+class Share:
+    """What one station is granted, or asked for, between it and one peer; the fields of the message SweepSchedule."""
+
+    station: str
+    peer: str
+    rate: float = 0.0
+    """Sweep pairs per second; 0: not stated, or none is asked for [Hz]."""
+    priority: int = 0
+    stamp: int = 0
+    frame_id: str = ''
+
+    @property
+    def turns(self) -> Turns:
+        """Rate [Hz] and priority; `NO_TURNS` without a rate."""
+        return (self.rate, self.priority) if self.rate > 0.0 else NO_TURNS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +129,7 @@ class Schedule:
         """Return the sweeps per second of a pair [Hz]."""
         return 1.0 / self.interval(pair)
 
-    def grant(self, pair: int) -> tuple[float, int]:
+    def grant(self, pair: int) -> Turns:
         """Return the sweeps per second of a pair [Hz], and the priority with which it gets them."""
         return self.rate(pair), self.demands[pair].priority
 

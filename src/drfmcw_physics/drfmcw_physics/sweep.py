@@ -69,15 +69,9 @@ class SweepSettings:
     frame_id: str = ''
     cut: tuple[float, float] = (0.0, 0.0)
     """Left out at either end of the analysis window, where a recording shows that the ramp does not run [s]."""
-    rate: float = dataclasses.field(default=0.0, compare=False)
-    """Sweep pairs per second that the time division grants, which changes no sweep; 0: not stated [Hz]."""
-    priority: int = dataclasses.field(default=0, compare=False)
-    """With which the rate was granted."""
 
     def __post_init__(self) -> None:
-        """Refuse what no radar can sweep; take a rate that an older recording lacks (NaN) as not stated."""
-        if math.isnan(self.rate):
-            object.__setattr__(self, 'rate', 0.0)
+        """Refuse what no radar can sweep."""
         if self.bandwidth == 0 or not math.isfinite(self.bandwidth):
             raise ConfigurationError(f'bandwidth = {self.bandwidth:g} Hz: a sweep needs one')
         if self.start_delay >= self.ramp_duration:
@@ -135,32 +129,6 @@ class SweepSettings:
         """
         sign = -1 if (self.role == Role.SECOND and self.mode == Mode.LONG_DISTANCE and not self.hears_itself) else 1
         return sign if self.bandwidth > 0 else -sign
-
-
-@dataclasses.dataclass(frozen=True)
-class SweepRequest:
-    """What is asked of one station for the measurement between it and one peer; fields of SweepConfig."""
-
-    station: str
-    peer: str
-    mode: int
-    start_delay: float
-    """T_off [s]; 0: the hardware's own for the mode; NaN: neither mode nor T_off is asked for."""
-    rate: float = 0.0
-    """Sweep pairs per second; 0: none is asked for, the hardware's own rate and priority hold [Hz]."""
-    priority: int = 0
-    stamp: int = 0
-    frame_id: str = ''
-
-    @property
-    def asks_mode(self) -> bool:
-        """True where mode and T_off are asked for."""
-        return not math.isnan(self.start_delay)
-
-    @property
-    def turns(self) -> tuple[float, int]:
-        """Rate [Hz] and priority that are asked for; (0, 0) for none."""
-        return (self.rate, self.priority) if self.rate > 0.0 else (0.0, 0)
 
 
 def beat_frequency(sweep: SweepSettings, delay: float, alpha_own: float, alpha_peer: float) -> float:

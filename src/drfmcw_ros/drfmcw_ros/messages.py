@@ -93,17 +93,13 @@ class ImplausibleError(ConfigurationError):
     """A message holds a value that cannot be; the text names field, value, unit and range."""
 
 
-def check(message: Any, kind: str = '') -> None:
+def check(message: Any) -> None:
     """Refuse a ROS or rosbags message with a value outside of `plausible.LIMITS`.
-
-    Args:
-        message: to check.
-        kind: entry of `plausible.LIMITS`; empty: the name of the message's type.
 
     Raises:
         ImplausibleError: with the reason.
     """
-    reason = plausible.refusal(kind or type(message).__name__.rpartition('__')[2], message)
+    reason = plausible.refusal(type(message).__name__.rpartition('__')[2], message)
     if reason:
         raise ImplausibleError(reason)
 
@@ -111,12 +107,10 @@ def check(message: Any, kind: str = '') -> None:
 def from_message(message: Any, cls: Callable[..., T]) -> T:
     """Return the dataclass `cls` filled from a ROS or rosbags message of the same field names.
 
-    Where `plausible.LIMITS` has an entry of the name of `cls`, it holds instead of that of the message's type.
-
     Raises:
         ImplausibleError: the message holds a value that cannot be.
         ConfigurationError: where `cls` validates itself and the message holds what it refuses.
     """
-    check(message, cls.__name__ if cls.__name__ in plausible.LIMITS else '')
+    check(message)
     values = {name: getattr(message, name) for name in _field_names(cls) if hasattr(message, name)}
     return cls(**values, stamp=stamp_ns(message.header.stamp), frame_id=message.header.frame_id)

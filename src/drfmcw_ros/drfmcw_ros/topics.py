@@ -9,6 +9,8 @@ STATION_TOPICS = {
     'beat_frequency': 'drfmcw_msgs/msg/BeatFrequency',
     'status': 'drfmcw_msgs/msg/StationStatus',
     'sweep_request': 'drfmcw_msgs/msg/SweepConfig',
+    'sweep_schedule': 'drfmcw_msgs/msg/SweepSchedule',
+    'schedule_request': 'drfmcw_msgs/msg/SweepSchedule',
 }
 """Last name of a topic in a station's namespace: its type."""
 
@@ -26,15 +28,21 @@ PAIR_TOPICS = {
 }
 """Last name of a topic under /<first>/<second>: its type."""
 
-MEASURED_STATION_TOPICS = ('sweep_config', 'calibration', 'if_samples', 'status')
+MEASURED_STATION_TOPICS = ('sweep_config', 'sweep_schedule', 'calibration', 'if_samples', 'status')
 """What a station measures or is set to; everything else is computed from it."""
 
-_LATCHED = ('sweep_config', 'calibration', 'sweep_request')
+_PER_PEER = ('sweep_config', 'sweep_request', 'sweep_schedule', 'schedule_request')
+_LATCHED = (*_PER_PEER, 'calibration')
 
 
 def is_latched(topic: str) -> bool:
     """Return True for topics whose last message reaches late joiners (transient local)."""
     return topic.rsplit('/', 1)[-1] in _LATCHED
+
+
+def is_per_peer(topic: str) -> bool:
+    """Return True for topics with one publisher per peer, so that each keeps the last message of its pair."""
+    return topic.rsplit('/', 1)[-1] in _PER_PEER
 
 
 def is_measured(topic: str) -> bool:

@@ -9,12 +9,12 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, SweepConfig
+from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, SweepConfig, SweepSchedule
 from rclpy.duration import Duration
 from rclpy.node import Node
 
+from drfmcw_physics.schedule import Share
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_physics.sweep import SweepRequest
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
@@ -23,7 +23,7 @@ from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
 from drfmcw_ros.messages import from_message, message_class, to_message
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import Finished, run
-from drfmcw_ros.topics import is_latched
+from drfmcw_ros.topics import is_latched, is_per_peer
 
 from .flow_control import Acknowledgements
 from .recording import message_type
@@ -127,11 +127,10 @@ class Simulator(Node):
         self._ranges = Acknowledgements([f'{pair.first}/{pair.second}' for pair in self.scenario.pairs])
         if settings.pace == 'subscribers':
             self._listen()
+        latched = qos.latched_subscription(max(2, 2 * len(self.scenario.pairs)))
         for station in self.scenario.stations:
-            qos.subscription(
-                self, SweepConfig, f'/{station}/sweep_request', self._on_request,
-                qos.latched_subscription(max(2, 2 * len(self.scenario.pairs))),
-            )  # fmt: skip
+            qos.subscription(self, SweepConfig, f'/{station}/sweep_request', self._on_request, latched)
+            qos.subscription(self, SweepSchedule, f'/{station}/schedule_request', self._on_schedule_request, latched)
         for event in self._timeline.opening():
             self._publisher(event)
         self._create_stream_publishers()
@@ -190,15 +189,21 @@ class Simulator(Node):
 
     def _on_request(self, message: SweepConfig) -> None:
         try:
-            self._requests.take(from_message(message, SweepRequest))
+            self._requests.take_mode(message.station, message.peer, message.mode, message.start_delay)
         except ConfigurationError as error:
             self.get_logger().warning(f'sweep request refused: {error}')
+
+    def _on_schedule_request(self, message: SweepSchedule) -> None:
+        try:
+            self._requests.take_turns(from_message(message, Share))
+        except ConfigurationError as error:
+            self.get_logger().warning(f'schedule request refused: {error}')
 
     # --- what goes out ---
 
     def _publisher(self, event: Event) -> Any:
-        """Return the publisher of an event; sweep settings have one per peer, so that each keeps its last."""
-        peer = event.content.peer if event.topic.endswith('/sweep_config') else ''
+        """Return the publisher of an event."""
+        peer = event.content.peer if is_per_peer(event.topic) else ''
         key = (event.topic, peer)
         if key not in self._publishers_of:
             profile = qos.LATCHED if is_latched(event.topic) else qos.RELIABLE
@@ -372,7 +377,7 @@ class Simulator(Node):
                         self.get_logger().warning(said.format(name))
 
     def _change_schedule(self) -> list[Event]:
-        """Let the time division follow what is asked for; return the settings to publish, if it changes now."""
+        """Let the time division follow what is asked for; return what is granted now, if it changes."""
         demands = self._requests.demands()
         if demands != self._demands:
             self._demands = demands

@@ -9,7 +9,7 @@ import numpy as np
 
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.mode import choose_mode
-from drfmcw_physics.schedule import Demand
+from drfmcw_physics.schedule import Demand, Share
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 
@@ -154,9 +154,7 @@ class Timeline:
 
     def sweep_settings(self, pair: int) -> tuple[SweepSettings, ...]:
         """Return the settings now in use by both stations of a pair."""
-        settings = self.scenario.sweep_settings(self.scenario.pairs[pair], self.modes[pair], self._start_delays[pair])
-        rate, priority = self.schedule.grant(pair)
-        return tuple(dataclasses.replace(s, rate=rate, priority=priority) for s in settings)
+        return self.scenario.sweep_settings(self.scenario.pairs[pair], self.modes[pair], self._start_delays[pair])
 
     @property
     def sweep_count(self) -> int:
@@ -240,6 +238,7 @@ class Timeline:
         events = self.calibrations(early)
         for pair in range(len(self.scenario.pairs)):
             events += self._settings_events(pair, early + NANOSECONDS // 2)
+            events += self._schedule_events(pair, early + NANOSECONDS // 2)
         return events
 
     def calibrations(self, stamp: int) -> list[Event]:
@@ -256,6 +255,17 @@ class Timeline:
     def _settings_events(self, pair: int, stamp: int) -> list[Event]:
         return [
             Event(f'/{s.station}/sweep_config', stamp, dataclasses.replace(s, stamp=stamp))
+            for s in self.sweep_settings(pair)
+        ]
+
+    def _schedule_events(self, pair: int, stamp: int) -> list[Event]:
+        grant = self.schedule.grant(pair)
+        return [
+            Event(
+                f'/{s.station}/sweep_schedule',
+                stamp,
+                Share(s.station, s.peer, *grant, stamp, self.scenario.frame_id(s.station)),
+            )
             for s in self.sweep_settings(pair)
         ]
 
@@ -302,14 +312,14 @@ class Timeline:
         return self._first_sweep_id + self.schedule.change(self.next_sweep_id - self._first_sweep_id)
 
     def due_schedule_change(self) -> list[Event]:
-        """Begin the schedule that follows if its time has come; return the settings of pairs whose grant changes."""
+        """Begin the schedule that follows if its time has come; return what is granted to pairs where that changes."""
         if self._demands is None or self._change_due() > self.next_sweep_id:
             return []
         number, before = self.next_sweep_id - self._first_sweep_id, self.schedule
         self.schedule, self._demands = before.followed_by(self._demands, number), None
         stamp = self.stamp(self.duration) - 1
         changed = [p for p in range(len(self.scenario.pairs)) if before.grant(p) != self.schedule.grant(p)]
-        return [event for pair in changed for event in self._settings_events(pair, stamp)]
+        return [event for pair in changed for event in self._schedule_events(pair, stamp)]
 
     def measurements(self, slots: Slots, pair: int) -> Measurements:
         """Return the conditions of those slots that belong to a pair."""

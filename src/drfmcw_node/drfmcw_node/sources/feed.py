@@ -3,9 +3,11 @@
 import contextlib
 import dataclasses
 import math
+import re
 import struct
 import zlib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -14,20 +16,29 @@ from drfmcw_physics.settings import ConfigurationError
 from ..processing.records import Sweep
 
 VERSION = 2
-"""Of frames and requests; those of version 1, without the time division, are understood too."""
+"""Of frames; those of version 1, which know no time division, are understood too."""
 MAGIC = b'DRFS'
 """First bytes of a sweep frame."""
 FRAGMENT_MAGIC = b'DRFU'
 """First bytes of a UDP datagram."""
 REQUEST_MAGIC = b'DRFR'
 """First bytes of a settings request from the station to the digitiser."""
+TURNS_REQUEST_MAGIC = b'DRFT'
+"""First bytes of a request for a share of the time division; for digitisers of version 2."""
 
 # magic, version, flags, reserved, stamp, sweep_id, full_scale, start_delay, temperature, int16 values, peer
 _HEADER = '<4sBBHqQdddI32s'
-_REQUEST = '<4sBBHd32s'  # magic, version, mode, reserved, start_delay, peer
 _TURNS = 'di'  # rate, priority; from version 2 on
 _HEADERS = {1: struct.Struct(_HEADER), 2: struct.Struct(_HEADER + _TURNS)}
-_REQUESTS = {1: struct.Struct(_REQUEST), 2: struct.Struct(_REQUEST + _TURNS)}
+_REQUEST = struct.Struct('<4sBBHd32s')  # magic, version, mode, reserved, start_delay, peer
+_REQUEST_VERSION = 1
+_TURNS_REQUEST = struct.Struct('<4sBBHdi32s')  # magic, version, reserved, reserved, rate, priority, peer
+_TURNS_REQUEST_VERSION = 2
+_LAYOUTS = {
+    (REQUEST_MAGIC, _REQUEST_VERSION): _REQUEST,
+    (TURNS_REQUEST_MAGIC, _TURNS_REQUEST_VERSION): _TURNS_REQUEST,
+}
+_ANY_REQUEST = re.compile(b'|'.join(magic for magic, _ in _LAYOUTS))
 _FRAGMENT = struct.Struct('<4sBBHHHI')  # magic, version, reserved, index, count, reserved, frame number
 _FRAGMENT_VERSION = 1
 _VERSION_AT = 4  # in frames and requests
@@ -72,16 +83,17 @@ class Request:
     """What the station asks the digitiser to sweep."""
 
     mode: int  # SweepConfig.MODE_*
-    start_delay: float  # NaN: mode and T_off stay as they are [s]
+    start_delay: float  # [s]
     peer: str = ''
-    rate: float = 0.0  # sweeps per second, 0 for the digitiser's own [Hz]
-    priority: int = 0
-    version: int = VERSION  # of the feed that the digitiser speaks
 
-    @property
-    def is_expressible(self) -> bool:
-        """Whether its version has words for what it asks."""
-        return self.version > 1 or not math.isnan(self.start_delay)
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class TurnsRequest:
+    """Which share of the time division a pair asks for; a digitiser of version 1 knows none."""
+
+    rate: float  # sweeps per second, 0 for the digitiser's own [Hz]
+    priority: int
+    peer: str = ''
 
 
 class MalformedFrame(ValueError):
@@ -125,35 +137,44 @@ def encode_fragments(frame: Frame, number: int, payload: int = FRAGMENT_PAYLOAD)
         yield header + data[index * payload : (index + 1) * payload]
 
 
-def encode_request(request: Request) -> bytes:
-    """Return a settings request as the station sends it."""
-    values = (request.mode, 0, request.start_delay, _name(request.peer))
-    turns = (request.rate, request.priority) if request.version > 1 else ()
-    body = _REQUESTS[request.version].pack(REQUEST_MAGIC, request.version, *values, *turns)
+def encode_request(request: Request | TurnsRequest) -> bytes:
+    """Return a request as the station sends it."""
+    if isinstance(request, Request):
+        values = (REQUEST_MAGIC, _REQUEST_VERSION, request.mode, 0, request.start_delay, _name(request.peer))
+        body = _REQUEST.pack(*values)
+    else:
+        turns = (request.rate, request.priority, _name(request.peer))
+        body = _TURNS_REQUEST.pack(TURNS_REQUEST_MAGIC, _TURNS_REQUEST_VERSION, 0, 0, *turns)
     return body + _CRC.pack(zlib.crc32(body))
 
 
-def decode_requests(data: bytes) -> tuple[list[Request], bytes]:
+def decode_requests(data: bytes) -> tuple[list[Request | TurnsRequest], bytes]:
     """Return the complete requests in `data`, and the bytes that belong to the next; unknown versions are skipped."""
-    requests: list[Request] = []
+    requests: list[Request | TurnsRequest] = []
     while True:
-        start = data.find(REQUEST_MAGIC)
-        if start < 0:
+        found = _ANY_REQUEST.search(data)
+        if found is None:
             return requests, data[-3:]
-        data = data[start:]
+        data = data[found.start() :]
         if len(data) <= _VERSION_AT:
             return requests, data
-        layout = _REQUESTS.get(data[_VERSION_AT])
+        layout = _LAYOUTS.get((found[0], data[_VERSION_AT]))
         if layout is not None and len(data) < layout.size + _CRC.size:
             return requests, data
         if layout is None or _CRC.unpack_from(data, layout.size)[0] != zlib.crc32(data[: layout.size]):
             data = data[1:]
             continue
-        _, version, mode, _, start_delay, peer, *turns = layout.unpack_from(data)
-        rate, priority = turns or (0.0, 0)
         with contextlib.suppress(MalformedFrame):
-            requests.append(Request(mode, start_delay, _text(peer), rate, priority, version))
+            requests.append(_decoded_request(found[0], layout.unpack_from(data)))
         data = data[layout.size + _CRC.size :]
+
+
+def _decoded_request(magic: bytes, values: tuple[Any, ...]) -> Request | TurnsRequest:
+    if magic == REQUEST_MAGIC:
+        _, _, mode, _, start_delay, peer = values
+        return Request(mode, start_delay, _text(peer))
+    _, _, _, _, rate, priority, peer = values
+    return TurnsRequest(rate, priority, _text(peer))
 
 
 class FrameParser:

@@ -4,7 +4,9 @@ import dataclasses
 import time
 from typing import Any
 
+from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.schedule import Share
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagError, BagReader
@@ -13,7 +15,12 @@ from drfmcw_ros.messages import from_message
 from ..processing.records import Sweep
 from .source import BATCH, Source
 
-_KINDS: dict[str, type] = {'if_samples': Sweep, 'sweep_config': SweepSettings, 'calibration': Calibration}
+_KINDS: dict[str, type] = {
+    'if_samples': Sweep,
+    'sweep_config': SweepSettings,
+    'sweep_schedule': Share,
+    'calibration': Calibration,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +59,7 @@ class RecordingSource(Source, name='recording'):
         start, first = time.monotonic(), None
         with BagReader(self._path) as bag:
             topics = [t for t in bag.topics if t.endswith('/calibration')]
-            topics += [f'/{self._station}/{name}' for name in ('sweep_config', 'if_samples')]
+            topics += [f'/{self._station}/{name}' for name in ('sweep_config', 'sweep_schedule', 'if_samples')]
             pending: list[Any] = []
             for topic, _, message in bag.messages(topics):
                 item = _converted(topic, message)
@@ -98,6 +105,20 @@ def recorded_frames(path: str, station: str) -> tuple[SweepSettings, list[tuple[
     if first is None or not sweeps:
         raise BagError(f'{path}: no sweeps of {station} with settings')
     return first, sweeps
+
+
+def recorded_shares(path: str, station: str) -> dict[str, History[Share]]:
+    """Return what the time division granted to one station in a recording, by peer; empty where it states nothing.
+
+    Raises:
+        BagError: not readable.
+    """
+    shares: dict[str, History[Share]] = {}
+    with BagReader(path) as bag:
+        for topic, _, message in bag.messages([f'/{station}/sweep_schedule']):
+            share = _converted(topic, message)
+            shares.setdefault(share.peer, History()).add(share.stamp, share)
+    return shares
 
 
 def _converted(topic: str, message: Any) -> Any:

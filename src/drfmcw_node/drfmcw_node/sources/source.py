@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
-from .feed import Request
+from .feed import Request, TurnsRequest
 
 POLL = 0.2
 """Interval at which a source's thread checks whether it shall end [s]."""
@@ -94,8 +94,8 @@ class Source:
         """Return why something from outside was refused last, '' where nothing was; for diagnostics."""
         return ''
 
-    def request(self, request: Request) -> bool:
-        """Pass a settings request to the hardware, now or when it connects; return False where none ever reaches it."""
+    def request(self, request: Request | TurnsRequest) -> bool:
+        """Pass a request to the hardware, one for turns also later; return False where that is impossible."""
         return False
 
     def _guarded(self) -> None:

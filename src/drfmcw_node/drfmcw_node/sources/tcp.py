@@ -2,7 +2,6 @@
 
 import collections
 import contextlib
-import dataclasses
 import math
 import selectors
 import socket
@@ -10,7 +9,7 @@ import time
 from typing import Any
 
 from .clients import Client, ClientError
-from .feed import Request, encode_request
+from .feed import Request, TurnsRequest, encode_request
 from .sealing import read_key
 from .sockets import SocketSettings, caution, is_heard, listening_socket, networks, tls_context
 from .source import POLL, Source
@@ -40,8 +39,8 @@ class TcpSource(Source, name='tcp'):
         self._key, self._context = read_key(settings.feed_key), tls_context(settings)
         self._clients: list[Client] = []  # oldest first
         self._active: Client | None = None
-        self._requests: collections.deque[Request] = collections.deque(maxlen=_MOST_REQUESTS)
-        self._turns: dict[str, Request] = {}  # rates asked for, by peer: each digitiser that connects gets them
+        self._requests: collections.deque[Request | TurnsRequest] = collections.deque(maxlen=_MOST_REQUESTS)
+        self._turns: dict[str, TurnsRequest] = {}  # by peer: each digitiser that connects gets them
         self._counts = dict.fromkeys(
             ('connections', 'refused connections', 'disconnected clients', 'malformed frames', 'skipped bytes'), 0
         )
@@ -75,15 +74,18 @@ class TcpSource(Source, name='tcp'):
         """Return why the last client was turned away, '' where none was."""
         return self._reason
 
-    def request(self, request: Request) -> bool:
-        """Send a settings request to the connected digitiser; one that connects later gets the rates of it.
+    def request(self, request: Request | TurnsRequest) -> bool:
+        """Send a request to the connected digitiser; one that connects later gets the rates that are asked for.
 
         Whoever sees the ranges asks for a mode again, but for a rate only once.
         """
-        if request.rate > 0.0:
-            self._turns[request.peer] = dataclasses.replace(request, start_delay=math.nan)
-        else:
-            self._turns.pop(request.peer, None)
+        if isinstance(request, TurnsRequest):
+            if request.rate > 0.0:
+                self._turns[request.peer] = request
+            else:
+                self._turns.pop(request.peer, None)
+        elif self._active is None:
+            return False
         if self._active is not None:
             self._requests.append(request)
             with contextlib.suppress(OSError):
@@ -173,14 +175,12 @@ class TcpSource(Source, name='tcp'):
     def _pass_requests(self) -> None:
         while self._requests:
             request = self._requests.popleft()
-            if self._active is None:
+            if self._active is None or (isinstance(request, TurnsRequest) and self._active.version < 2):
                 continue
-            request = dataclasses.replace(request, version=self._active.version)
-            if request.is_expressible:
-                try:
-                    self._active.send(encode_request(request))
-                except ClientError as error:
-                    self._disconnect(self._active, str(error))
+            try:
+                self._active.send(encode_request(request))
+            except ClientError as error:
+                self._disconnect(self._active, str(error))
 
     def _tidy(self, now: float) -> None:
         """Let one that waits take over, and disconnect those whose time is up."""

@@ -147,8 +147,6 @@ def _write_settings(out: _Messages, scene: Scene, row: int, stamps: np.ndarray) 
                 tx_eirp=c.tx_eirp,
                 rx_antenna_gain=c.rx_antenna_gain,
                 full_scale_power=c.full_scale_power,
-                rate=0.0,  # not stated
-                priority=0,
             )
     weather = (
         ('temperature', 'Temperature', 'temperature', c.air_temperature, 0.04),

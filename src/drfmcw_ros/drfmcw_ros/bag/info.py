@@ -15,8 +15,9 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.schedule import NO_TURNS, Share
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_physics.sweep import Mode, Role, SweepRequest, SweepSettings
+from drfmcw_physics.sweep import Mode, Role, SweepSettings
 
 from ..cli import Parser, guarded
 from ..messages import from_message, stamp_ns
@@ -24,7 +25,7 @@ from ..topics import SITE_TOPICS, split_station_topic
 from .files import BagReader
 from .options import add_damage_option
 
-_SETTINGS = ('sweep_config', 'sweep_request', 'calibration')  # last names of the topics read whole
+_SETTINGS = ('sweep_config', 'sweep_schedule', 'schedule_request', 'calibration')  # last names of the topics read whole
 _PAUSE = 5.0  # times the median wait, beyond which a pair waits for something else than its turn
 
 
@@ -37,21 +38,24 @@ def describe(path: str) -> dict[str, Any]:
     with BagReader(path) as bag:
         settings_topics = {t for t in bag.topics if split_station_topic(t)[1] in _SETTINGS}
         sweeps: list[dict[str, Any]] = []
-        requests: dict[tuple[str, str], SweepRequest] = {}
+        grants: list[Share] = []
+        requests: dict[tuple[str, str], Share] = {}
         calibrations: list[dict[str, Any]] = []
         for topic, _, message in bag.messages(settings_topics):
             kind = split_station_topic(topic)[1]
             if kind == 'sweep_config':
                 settings = from_message(message, SweepSettings)
                 sweeps.append({name: value for name, value in dataclasses.asdict(settings).items() if name != 'cut'})
-            elif kind == 'sweep_request':
+            elif kind == 'sweep_schedule':
+                grants.append(from_message(message, Share))
+            elif kind == 'schedule_request':
                 with contextlib.suppress(ConfigurationError):  # refused by the hardware too
-                    requests[message.station, message.peer] = from_message(message, SweepRequest)
+                    requests[message.station, message.peer] = from_message(message, Share)
             else:
                 calibrations.append(dataclasses.asdict(from_message(message, Calibration)))
         recorded = {c.topic: {'type': c.msgtype, 'messages': c.msgcount} for c in bag.connections}
         stations = sorted(split_station_topic(t)[0] for t in recorded if split_station_topic(t)[1] == 'if_samples')
-        turns = _turns(bag, sweeps, requests)
+        turns = _turns(bag, sweeps, grants, requests)
         return {
             'recording': str(path),
             'start': bag.start_time if bag.message_count else None,
@@ -70,7 +74,10 @@ def describe(path: str) -> dict[str, Any]:
 
 
 def _turns(
-    bag: BagReader, configs: Sequence[dict[str, Any]], requests: Mapping[tuple[str, str], SweepRequest]
+    bag: BagReader,
+    configs: Sequence[dict[str, Any]],
+    schedules: Sequence[Share],
+    requests: Mapping[tuple[str, str], Share],
 ) -> list[dict[str, Any]]:
     """Return how pairs took turns, one entry per pair, as it was at last: since a granted rate last changed.
 
@@ -85,12 +92,12 @@ def _turns(
     for topic, _, message in bag.messages({t for t in bag.topics if split_station_topic(t)[1] == 'if_samples'}):
         station = split_station_topic(topic)[0]
         stamps.setdefault((station, message.peer), []).append(stamp_ns(message.header.stamp))
-    grants = {pair: _granted([c for c in configs if (c['station'], c['peer']) == pair]) for pair in pairs}
+    grants = {pair: _granted([s for s in schedules if (s.station, s.peer) == pair]) for pair in pairs}
     since = max(stamp for _, _, stamp in grants.values())
     found = []
     for first, second in pairs:
         request = requests.get((first, second))
-        asked = request.rate if request is not None and request.rate > 0.0 else None
+        asked = request.rate or None if request is not None else None
         granted, priority, _ = grants[first, second]
         own = sorted(stamp for stamp in stamps.get((first, second), []) if stamp >= since)
         answers = sum(stamp >= since for stamp in stamps.get((second, first), []))
@@ -112,16 +119,16 @@ def _turns(
     return found
 
 
-def _granted(configs: Sequence[dict[str, Any]]) -> tuple[float | None, int | None, int]:
+def _granted(schedules: Sequence[Share]) -> tuple[float | None, int | None, int]:
     """Return rate [Hz] and priority that a pair was granted last, and since when [ns]; 0: from the beginning on.
 
     Both are None where the hardware does not state them.
     """
-    runs = [list(run) for _, run in itertools.groupby(configs, lambda c: (c['rate'], c['priority']))]
-    newest = runs[-1][0]
-    stated = newest['rate'] > 0.0
-    since = newest['stamp'] if len(runs) > 1 else 0
-    return (newest['rate'], newest['priority'], since) if stated else (None, None, since)
+    runs = [list(run) for _, run in itertools.groupby(schedules, lambda schedule: schedule.turns)]
+    if not runs:
+        return None, None, 0
+    newest, since = runs[-1][0], runs[-1][0].stamp if len(runs) > 1 else 0
+    return (None, None, since) if newest.turns == NO_TURNS else (*newest.turns, since)
 
 
 def _missing(stations: Sequence[str], topics: set[str]) -> list[str]:

@@ -24,7 +24,7 @@ from drfmcw_physics.settings import ConfigurationError
 from .. import qos
 from ..diagnostics import WARN, Diagnostics, Status
 from ..messages import NANOSECONDS, message_class
-from ..topics import STATION_TOPICS, is_latched, is_measured, split_station_topic
+from ..topics import STATION_TOPICS, is_latched, is_measured, is_per_peer, split_station_topic
 from ..work.progress import Progress
 from .files import BagReader, typestore
 
@@ -43,7 +43,7 @@ class PlayerNode(Node):
         """Create publishers of all measured topics of the recording; with flow control also listen to the answers."""
         super().__init__('player', **kwargs)
         self.stations: list[str] = []
-        self._senders: dict[tuple[str, str], Any] = {}  # by topic and peer (of sweep settings only)
+        self._senders: dict[tuple[str, str], Any] = {}  # by topic and peer (of topics per peer only)
         self._answered = threading.Condition()
         self._waiting: collections.Counter[str] = collections.Counter()
         self._sent = self._reported = 0
@@ -53,8 +53,7 @@ class PlayerNode(Node):
                 continue
             station, name = split_station_topic(topic)
             profile = qos.LATCHED if is_latched(topic) else qos.RELIABLE
-            # one publisher per peer: each keeps the last settings of its pair for late joiners
-            peers = {m.peer for _, _, m in bag.messages({topic})} if name == 'sweep_config' else {''}
+            peers = {m.peer for _, _, m in bag.messages({topic})} if is_per_peer(topic) else {''}
             for peer in peers:
                 sender = qos.publisher(self, message_class(kind), topic, profile, instance=peer or None)
                 self._senders[topic, peer] = sender
@@ -103,7 +102,7 @@ class PlayerNode(Node):
                     self.get_logger().warning(f"'{station}' does not answer; going on", throttle_duration_sec=5.0)
                     self._waiting[station] = 0
                 self._waiting[station] += 1
-        peer = _peer(raw) if name == 'sweep_config' else ''
+        peer = _peer(topic, raw) if is_per_peer(topic) else ''
         self._senders[topic, peer].publish(raw)
         self._sent += 1
 
@@ -183,13 +182,13 @@ def _messages(bag: BagReader, loops: int) -> Iterator[tuple[str, int, bytes]]:
     span = times[-1] - times[0]
     period = span + max(1, span // len(numbers))
     # settings that never changed still hold in later rounds
-    configs = [topic for topic, _, _ in kept if topic.endswith('/sweep_config')]
-    constant = len(configs) == len({(t, _peer(raw)) for t, _, raw in kept if t.endswith('/sweep_config')})
+    counts = collections.Counter((topic, _peer(topic, raw)) for topic, _, raw in kept if is_per_peer(topic))
+    changing = {split_station_topic(topic)[1] for (topic, _), count in counts.items() if count > 1}
     for round_number in itertools.count() if loops == 0 else range(loops):
         shift = round_number * period
         for topic, time_ns, raw in kept:
             if round_number:
-                if is_latched(topic) and (constant or topic.endswith('/calibration')):
+                if is_latched(topic) and split_station_topic(topic)[1] not in changing:
                     continue
                 raw = _restamped(raw, _stamp(raw) + shift)
                 if topic.endswith('/if_samples'):
@@ -197,9 +196,9 @@ def _messages(bag: BagReader, loops: int) -> Iterator[tuple[str, int, bytes]]:
             yield topic, time_ns + shift, raw
 
 
-def _peer(raw: bytes) -> str:
-    """Return the peer that serialised sweep settings are for."""
-    message: Any = typestore().deserialize_cdr(raw, STATION_TOPICS['sweep_config'])
+def _peer(topic: str, raw: bytes) -> str:
+    """Return the peer that a serialised message of a topic per peer is for."""
+    message: Any = typestore().deserialize_cdr(raw, STATION_TOPICS[split_station_topic(topic)[1]])
     return message.peer
 
 

@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 from drfmcw_physics.settings import ConfigurationError
 
+_REQUESTS = ('sweep_request', 'schedule_request')  # of fusion to a station
 _LIBRARY = 'libfastrtps.so'
 _PLUGIN = b'builtin.PKI-DH'
 """Name of the authentication plugin; a Fast DDS that was built with security contains it."""
@@ -85,8 +86,9 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
         results = [f'/{station}/{name}' for name in ('beat_frequency', 'if_spectrum', 'if_samples_compressed')]
         heard = [f'/{peer}/{name}' for peer in peers for name in ('calibration', 'status')]
         if feed:
-            results += [*own, f'/{station}/status']
-            heard += [f'/{station}/sweep_request', *(f'/{peer}/beat_frequency' for peer in peers)]
+            results += [*own, f'/{station}/sweep_schedule', f'/{station}/status']
+            heard += [f'/{station}/{name}' for name in _REQUESTS]
+            heard += [f'/{peer}/beat_frequency' for peer in peers]
         else:
             heard += [*own, f'/{station}/status', f'/{station}/if_samples', f'/{station}/if_samples_compressed']
         services = (f'/{station}/store_calibration',) if feed else ()
@@ -95,10 +97,10 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
     of_stations = [
         f'/{station}/{name}'
         for station in stations
-        for name in ('sweep_config', 'calibration', 'status', 'beat_frequency')
+        for name in ('sweep_config', 'sweep_schedule', 'calibration', 'status', 'beat_frequency')
     ]
     ranges = [f'/{first}/{second}/{name}' for first, second in pairs for name in ('range', 'range_sensor')]
-    requests = [f'/{station}/sweep_request' for station in stations]
+    requests = [f'/{station}/{name}' for station in stations for name in _REQUESTS]
     found.append(NodeRights('/', 'fusion', ('/diagnostics', *ranges, *requests), (*site, *of_stations)))
     recorded = [f'/{station}/{name}' for station in stations for name in ('if_samples', 'if_spectrum')]
     everything = (*site, '/reference/range', '/diagnostics', *of_stations, *recorded, *ranges)

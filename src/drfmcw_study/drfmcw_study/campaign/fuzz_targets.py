@@ -23,6 +23,7 @@ from drfmcw_msgs.msg import (
     StationCalibration,
     StationStatus,
     SweepConfig,
+    SweepSchedule,
 )
 from rclpy.logging import LoggingSeverity
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
@@ -136,7 +137,8 @@ def _sealed() -> list[bytes]:
         sealing.seal(b'payload', _KEY, sealing.TO_STATION, 0, session),
         sealing.seal(b'payload', _KEY, sealing.TO_STATION, _STAMP),
         sealing.encode_hello(session),
-        *(feed.encode_request(feed.Request(1, 6e-7, 'slave', 25.0, 1, version)) for version in (1, 2)),
+        feed.encode_request(feed.Request(1, 6e-7, 'slave')),
+        feed.encode_request(feed.TurnsRequest(25.0, 1, 'slave')),
     ]
 
 
@@ -254,6 +256,7 @@ _YAML = tuple(
 
 _TAKEN_BY_FUSION = (
     SweepConfig, StationCalibration, StationStatus, BeatFrequency, Temperature, FluidPressure, RelativeHumidity,
+    SweepSchedule,
 )  # fmt: skip
 _TAKEN_BY_STATION = (SweepConfig, StationCalibration, IfSamples, CompressedIfSamples)
 _NAMES = ('master', 'slave', '', 'a\nb', 'x' * 3000, 'hann', 'flac', 'zlib', '/../x', '\u202e')
@@ -346,6 +349,8 @@ def _to_fusion(data: bytes) -> None:
             node._calibration(message)
         elif kind is StationStatus:
             node._status(message)
+        elif kind is SweepSchedule:
+            node._sweep_schedule(message)
         elif kind is BeatFrequency:
             node._beats(message.station, Publishers('/any/beat_frequency'), [message])
         else:
