@@ -126,11 +126,14 @@ def test_time_set_back_begins_a_new_window():
     assert numbers(window) == set(range(5))
 
 
-def fed(recording: Path, stations: tuple[str, ...] = ('master', 'slave'), **changes) -> Window:
-    """A window that has taken all messages of a recording in the order of its clock, the sweeps of some stations."""
+def fed(recording: Path, stations=('master', 'slave'), without=(), **changes) -> Window:
+    """A window that has taken a recording's messages in the order of its clock, the sweeps of some stations.
+
+    Those of the topics `without` do not come.
+    """
     window = Window('master/slave', WindowSettings(**{'interval': 0.0} | changes))
     with BagReader(recording) as bag:
-        for topic, _, message in bag.messages(set(bag.topics)):
+        for topic, _, message in bag.messages(set(bag.topics) - set(without)):
             if topic.endswith('/if_samples'):
                 window.add([from_message(message, Sweep)] * (message.station in stations))
             else:
@@ -263,20 +266,21 @@ DRIVING = {'drive': {'waypoints': [300.0, 308.0], 'speed': 1.0, 'acceleration': 
 
 
 @pytest.fixture(scope='module')
-def driving(tmp_path_factory) -> Window:
-    """The live window of a crane that accelerates, drives and stops."""
-    path = record(scene(DRIVING, timing={'sweep_interval': 0.05}), tmp_path_factory.mktemp('drive') / 'drive')
-    return fed(path)
+def driving(tmp_path_factory) -> Path:
+    """A crane that accelerates, drives and stops."""
+    return record(scene(DRIVING, timing={'sweep_interval': 0.05}), tmp_path_factory.mktemp('drive') / 'drive')
 
 
-def test_a_drive_alone_starts_no_search(driving, recordings):
+@pytest.mark.parametrize('without', [(), ('/reference/range',)], ids=['reference', 'no_reference'])
+def test_a_drive_alone_starts_no_search(driving, recordings, without):
     """Where it is expected; a mismatch of a crane that stands does. The recordings are fixed."""
-    for window, expected, failed, drives in (
+    for path, expected, failed, drives in (
         (driving, ('target_motion',), False, True),
         (driving, (), True, False),
-        (fed(recordings['ripple']), ('target_motion',), True, False),
-        (fed(recordings['clean']), ('target_motion',), False, False),
+        (recordings['ripple'], ('target_motion',), True, False),
+        (recordings['clean'], ('target_motion',), False, False),
     ):
+        window = fed(path, without=without)
         (judged,) = judge(Order(window.snapshot(), 1e-4, failed, False, None, expected))
         assert not judged.problem
         assert (judged.failed, judged.searching, judged.driving) == (failed, False, drives)

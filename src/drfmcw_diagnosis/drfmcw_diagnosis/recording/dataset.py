@@ -154,6 +154,16 @@ class Dataset:
         return self._slope[1]
 
     @functools.cached_property
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity over each group and its standard deviation, (n,) each [m/s], by the ranges without a reference."""
+        velocity, std = self._slope
+        unknown = np.isnan(velocity)
+        if not unknown.any():
+            return velocity, std
+        track, track_std = slopes(self.group, self.time, self.lines.range, self.lines.range_std)
+        return np.where(unknown, track, velocity), np.where(unknown, track_std, std)
+
+    @functools.cached_property
     def received_power(self) -> np.ndarray:
         """Power that each station receives in the nominal model, (stations, n) [dBm].
 

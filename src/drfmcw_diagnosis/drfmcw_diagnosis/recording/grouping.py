@@ -56,19 +56,20 @@ def noise_by_bends(values: np.ndarray) -> float:
     return GROUPS.mad_to_std * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6.0)
 
 
-def slopes(
-    group: np.ndarray, time: np.ndarray, reference: np.ndarray, std: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slope of the reference over each group and its standard deviation, (n,) [m/s]."""
+def slopes(group: np.ndarray, time: np.ndarray, distance: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the slope of distances over each group and its standard deviation, (n,) [m/s].
+
+    Arguments (n,), NaN where a distance or its standard deviation is unknown; fewer than three distances give NaN.
+    """
     slope, error = np.full((2, len(group)), np.nan)
     for number in range(group[-1] + 1):
-        rows = np.flatnonzero((group == number) & np.isfinite(reference))
+        rows = np.flatnonzero((group == number) & np.isfinite(distance))
         t = time[rows] - np.mean(time[rows]) if len(rows) else rows
         if len(rows) < 3 or not (spread := np.sum(t * t)):
             continue
-        value = np.sum(t * reference[rows]) / spread
-        residual = reference[rows] - np.mean(reference[rows]) - value * t
-        # where the reference states too small a standard deviation, its own scatter counts
-        noise = max(np.sqrt(np.mean(std[rows] ** 2)), np.sqrt(np.sum(residual**2) / (len(rows) - 2)))
+        value = np.sum(t * distance[rows]) / spread
+        residual = distance[rows] - np.mean(distance[rows]) - value * t
+        # where too small a standard deviation is stated, or none, their own scatter counts
+        noise = np.fmax(np.sqrt(np.mean(std[rows] ** 2)), np.sqrt(np.sum(residual**2) / (len(rows) - 2)))
         slope[group == number], error[group == number] = value, noise / np.sqrt(spread)
     return slope, error
