@@ -228,6 +228,7 @@ def test_looks_come_by_period_and_only_for_new_sweeps(ready):
 def test_a_finding_is_said_until_it_has_gone_for_a_while(ready):
     """Checked, searched, found, gone, forgotten."""
     ready.order(0.0)
+    ready.settings = dataclasses.replace(ready.settings, expected=[''])
     ready.take(dataclasses.replace(judgement(failed=True), searching=True), 1.0)
     said = ready.statement(1.0)
     assert said.level == WARN and 'searching' in said.message and said.values['verdict'] == 'being searched'
@@ -260,6 +261,38 @@ def test_what_is_expected_is_no_reason_to_warn(ready):
     assert ready.statement(2.0).level == WARN
     with pytest.raises(ConfigurationError, match="did you mean 'target_motion'"):
         WatchSettings(expected=['target_moton'])
+
+
+def test_a_search_warns_only_when_it_has_ended(ready):
+    """Of what it may find, or found before, some is expected: no warning before it names something else."""
+    ready.settings = dataclasses.replace(ready.settings, expected=['echo'])
+    search = dataclasses.replace(judgement(failed=True), searching=True)
+    for now, look, level, verdict in (
+        (1.0, search, OK, 'being searched'),
+        (60.0, judgement('explained', True, 'echo'), OK, 'explained'),
+        (360.0, search, OK, 'explained'),
+        (420.0, judgement('explained', True, 'echo'), OK, 'explained'),
+        (720.0, search, OK, 'explained'),
+        (780.0, judgement('explained', True, 'echo', 'target_motion'), WARN, 'explained'),
+    ):
+        ready.window.add([sweep(10**6 + int(now))])
+        ready.order(now)
+        ready.take(look, now)
+        said = ready.statement(now)
+        assert (said.level, said.values['verdict']) == (level, verdict), now
+
+
+def test_a_search_that_fails_leaves_no_doubt(ready):
+    """What the check found stays a warning although nothing names it, expected or not."""
+    ready.order(0.0)
+    ready.take(dataclasses.replace(judgement(failed=True), searching=True), 1.0)
+    ready.take(Judgement('killed by SIGKILL'), 20.0)
+    assert ready.statement(20.0).level == WARN
+    ready.window.add([sweep(10**6)])
+    assert not ready.order(30.0).search
+    ready.take(judgement(failed=True), 31.0)
+    said = ready.statement(31.0)
+    assert (said.level, said.values['verdict']) == (WARN, 'not judged') and 'no search has said why' in said.message
 
 
 DRIVING = {'drive': {'waypoints': [300.0, 308.0], 'speed': 1.0, 'acceleration': 0.3, 'dwell': 1.0}}

@@ -277,7 +277,9 @@ class Watch:
             return 'explained'
         if self._judged.driving:
             return 'driving'
-        return 'being searched' if self._judged.searching and self._judged.failed else 'consistent'
+        if self._judged.failed:
+            return 'being searched' if self._judged.searching else 'not judged'
+        return 'consistent'
 
     def _said(self, now: float) -> tuple[str, str]:
         if (judged := self._judged) is None:
@@ -290,9 +292,12 @@ class Watch:
             message = f'the crane drives, as expected: only a full search judges its {judged.sweeps} sweeps'
         if self.finding is not None:
             level, message = WARN, self.described(self.finding)
-        elif judged.searching and judged.failed:
-            level = WARN
+        elif judged.failed and self._explained is None and judged.searching:
+            level = OK if any(self.settings.expected) else WARN  # it may come to something expected
             message = f'the model no longer explains the last {judged.sweeps} sweeps; searching for what it leaves out'
+        elif judged.failed and self._explained is None:
+            level = WARN
+            message = f'the model does not explain the last {judged.sweeps} sweeps, and no search has said why'
         elif self._gone is not None and now - self._gone[1] < self.settings.hold:
             gone, since = self._gone
             level = WARN
