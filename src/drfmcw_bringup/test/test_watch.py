@@ -18,7 +18,7 @@ from scenes import record, scene
 
 from drfmcw_bringup.graph import REPLAY, STATION, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import monitored
-from drfmcw_diagnosis.finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect
+from drfmcw_diagnosis.finding.result import BeforeAfter, Diagnosis, Estimate, Explanation, Fit, FoundEffect, Remainder
 from drfmcw_diagnosis.live.watch import OK, STALE, WARN, Judgement, Order, Watch, WatchSettings, is_expected, judge
 from drfmcw_diagnosis.live.window import Window, WindowSettings
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
@@ -176,15 +176,16 @@ def test_conditions_leave_with_the_sweeps_they_were_for(recordings):
 # --- when is looked, and what is said ---
 
 
-def judgement(verdict: str = '', failed: bool = False, *effects: str, **changes) -> Judgement:
-    """What a look says; `verdict` that of a search, '' for none."""
+def judgement(verdict: str = '', failed: bool = False, *effects: str, left: float = 0.0) -> Judgement:
+    """What a look says; `verdict` that of a search, '' for none, `left` the share that its effects leave."""
     names = {'target_motion': 'velocity[0]', 'echo': 'excess_range'}
     found = [FoundEffect(e, None, {names[e]: Estimate(1.0, 0.1, 'm')}, 50.0, 1e-9) for e in effects]
     fit = Fit(BeforeAfter(9.0, 1.0), BeforeAfter(9.0, 1.0))
     explanation = Explanation(tuple(found), 50.0) if found else None
-    diagnosis = Diagnosis('live', verdict, 1e-9, 1e-4, (), explanation, (), None, fit, None, (), ())
+    rest = Remainder(1e-9, left, ()) if left else None
+    diagnosis = Diagnosis('live', verdict, 1e-9, 1e-4, (), explanation, (), None, fit, None, (), (), remainder=rest)
     found = diagnosis if verdict else None
-    return Judgement('', 96, BEGIN, BEGIN + 10**9, 0.5, 1.0, failed, False, False, found, **changes)
+    return Judgement('', 96, BEGIN, BEGIN + 10**9, 0.5, 1.0, failed, False, False, found)
 
 
 @pytest.fixture
@@ -320,14 +321,21 @@ def test_a_drive_alone_starts_no_search(driving, recordings, without):
 
 
 def test_a_drive_warns_only_of_what_is_named_beside_it(ready):
-    """What no effect explains of an accelerating crane does not; of a crane that stands it does."""
-    for verdict, effects, drives, expected in (
-        ('explained', ('target_motion',), True, True),
-        ('unexplained', (), True, True),
-        ('unexplained', (), False, False),
-        ('explained', ('target_motion', 'echo'), True, False),
+    """What no effect explains of an accelerating crane does not; of a crane that stands it does, even beside one."""
+    for verdict, effects, left, drives, expected in (
+        ('explained', ('target_motion',), 0.0, True, True),
+        ('explained', ('target_motion',), 1e-4, False, True),
+        ('partial', ('target_motion',), 0.1, True, True),
+        ('partial', ('target_motion',), 0.1, False, False),
+        ('ambiguous', ('target_motion',), 0.0, False, True),
+        ('ambiguous', ('target_motion',), 1e-4, False, True),
+        ('ambiguous', ('target_motion',), 0.1, False, False),
+        ('ambiguous', ('target_motion',), 0.1, True, True),
+        ('unexplained', (), 1.0, True, True),
+        ('unexplained', (), 1.0, False, False),
+        ('explained', ('target_motion', 'echo'), 0.0, True, False),
     ):
-        look = judgement(verdict, False, *effects)
+        look = judgement(verdict, False, *effects, left=left)
         assert is_expected(look.found, ('target_motion',), drives) == expected
         ready.finding = None
         ready.order(0.0)

@@ -21,6 +21,7 @@ from drfmcw_sim.effects import Effect, Motion
 from ..engine import check, diagnose_dataset
 from ..finding import wording
 from ..finding.result import BeforeAfter, Diagnosis
+from ..judging.verdict import LIMITS
 from ..recording.dataset import Dataset
 from .limits import NODE, WATCH
 from .window import Snapshot, Window
@@ -132,14 +133,23 @@ def drives(data: Dataset) -> bool:
 
 
 def is_expected(diagnosis: Diagnosis, expected: Collection[str], driving: bool = False) -> bool:
-    """Return True where one of the explanations consists of expected effects only.
+    """Return True where one of the explanations consists of expected effects only and nothing else is left.
 
     Of a crane that drives, what no effect explains is expected, too: acceleration within a group is in no model.
     """
+    if not driving and _leaves_something(diagnosis):
+        return False
     explanations = [e for e in (diagnosis.explanation, *diagnosis.alternatives) if e is not None]
     if driving and not explanations:
         return diagnosis.verdict != 'consistent'
     return any({f.effect for f in e.effects} <= set(expected) for e in explanations)
+
+
+def _leaves_something(diagnosis: Diagnosis) -> bool:
+    """Return True where the effects leave more than their forward models may be off."""
+    rest = diagnosis.remainder
+    ambiguous = diagnosis.verdict == 'ambiguous' and rest is not None and rest.share >= LIMITS.adequate
+    return diagnosis.verdict == 'partial' or ambiguous
 
 
 def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> None:
