@@ -126,16 +126,17 @@ def test_time_set_back_begins_a_new_window():
     assert numbers(window) == set(range(5))
 
 
-def fed(recording: Path, stations=('master', 'slave'), without=(), **changes) -> Window:
+def fed(recording: Path, stations=('master', 'slave'), without=(), until: int | None = None, **changes) -> Window:
     """A window that has taken a recording's messages in the order of its clock, the sweeps of some stations.
 
-    Those of the topics `without` do not come.
+    Those of the topics `without` do not come, nor do sweeps from number `until` on.
     """
     window = Window('master/slave', WindowSettings(**{'interval': 0.0} | changes))
     with BagReader(recording) as bag:
         for topic, _, message in bag.messages(set(bag.topics) - set(without)):
             if topic.endswith('/if_samples'):
-                window.add([from_message(message, Sweep)] * (message.station in stations))
+                taken = message.station in stations and (until is None or message.sweep_id < until)
+                window.add([from_message(message, Sweep)] * taken)
             else:
                 window.take(topic, message)
     return window
@@ -318,6 +319,32 @@ def test_a_drive_alone_starts_no_search(driving, recordings, without):
         (judged,) = judge(Order(window.snapshot(), 1e-4, failed, False, None, expected))
         assert not judged.problem
         assert (judged.failed, judged.searching, judged.driving) == (failed, False, drives)
+
+
+def judged_alone(window: Window) -> Judgement:
+    """What the quick check says of a window where a drive is expected."""
+    return next(judge(Order(window.snapshot(), 1e-4, False, False, None, ('target_motion',))))
+
+
+@pytest.mark.parametrize('without', [(), ('/reference/range',)], ids=['reference', 'no_reference'])
+@pytest.mark.parametrize('since', [0.1, 0.3])
+def test_a_drive_is_seen_from_its_first_centimetre_on(tmp_path, without, since):
+    """Within 5 mm of noise, when a tenth of a second and 1.5 mm of it are in the window; the recording is fixed."""
+    drive = {'drive': {'waypoints': [300.0, 301.0], 'speed': 1.0, 'acceleration': 0.3, 'dwell': 2.0}}
+    path = record(scene(drive, timing={'sweep_interval': 0.02}, reference={'range_std': 0.005}), tmp_path / 'drive')
+    begin = round(2.0 / 0.02)
+    judged = judged_alone(fed(path, without=without, until=begin + round(since / 0.02)))
+    assert (judged.driving, judged.failed) == (True, False)
+    assert not judged_alone(fed(path, without=without, until=begin)).driving
+
+
+def test_sway_is_no_drive(tmp_path):
+    """It brings the crane nowhere: what the check leaves over is searched for."""
+    standing = {'standing': {'distances': [100.0] * 3, 'sweeps': 40, 'move_time': 3.0}}
+    sway = {'effect': 'sway', 'amplitude': 0.005, 'frequency': 0.7}
+    common = {'timing': {'sweep_interval': 0.02}, 'reference': {'range_std': 0.005}}
+    judged = judged_alone(fed(record(scene(standing, effects=[sway], **common), tmp_path / 'sway')))
+    assert (judged.driving, judged.failed) == (False, True)
 
 
 def test_a_drive_warns_only_of_what_is_named_beside_it(ready):

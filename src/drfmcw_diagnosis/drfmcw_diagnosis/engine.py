@@ -196,17 +196,22 @@ def _remainder(
     return Remainder(probability, share, locations(comparison, rest), measured, model)
 
 
-def check(data: Dataset) -> tuple[float, float]:
-    """Return the chance of what the nominal model leaves over, and its misfit per degree of freedom; no search.
-
-    It takes a hundredth of the time of `diagnose_dataset`, whose "consistent" implies a chance above its false-alarm
-    rate. Only a search sees mismatches that stand out of the noise by their shape alone.
+def compared(data: Dataset) -> Comparison:
+    """Return the comparison of a recording with its nominal model, of as many sweeps as a diagnosis looks at.
 
     Raises:
         ConfigurationError: the data lack what is needed.
     """
-    comparison = Comparison(data, representative(data.group))
-    return leftovers(Fitting(comparison), None)[0].probability, _per_freedom(comparison, None)
+    return Comparison(data, representative(data.group))
+
+
+def check(comparison: Comparison) -> tuple[float, float]:
+    """Return the chance of what the nominal model leaves over, and its misfit per degree of freedom; no search.
+
+    It takes a hundredth of the time of `diagnose_dataset`, whose "consistent" implies a chance above its false-alarm
+    rate. Only a search sees mismatches that stand out of the noise by their shape alone.
+    """
+    return float(leftovers(Fitting(comparison), None)[0].probability), _per_freedom(comparison, None)
 
 
 def _split(data: Dataset, compared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,14 +18,20 @@ class WindowLimits:
 
 
 @dataclasses.dataclass(frozen=True)
-class WatchLimits:
+class DrivingLimits:
     """When a crane drives."""
 
     certain: float = 4.0
-    """Standard deviations by which its velocity differs from zero; chosen."""
+    """Standard deviations by which a velocity differs from zero, and a distance from another; chosen."""
 
     standing: float = 0.01
     """Velocity of a crane that stands, at most, as sway and wind move it [m/s]; chosen."""
+
+    spans: tuple[int, ...] = (3, 8, 24)
+    """Numbers of consecutive sweeps over which the carrier's phase gives a velocity; chosen."""
+
+    certain_phase: float = 6.0
+    """Standard deviations by which such a velocity differs from zero; chosen: a window holds hundreds of them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,4 +51,4 @@ class NodeLimits:
     """Time without sweeps after which the last verdict counts as stale [s]; chosen."""
 
 
-WINDOW, WATCH, NODE = WindowLimits(), WatchLimits(), NodeLimits()
+WINDOW, DRIVING, NODE = WindowLimits(), DrivingLimits(), NodeLimits()

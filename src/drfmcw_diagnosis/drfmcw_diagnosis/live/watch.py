@@ -12,18 +12,16 @@ import shutil
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-import numpy as np
-
 from drfmcw_physics.settings import ConfigurationError, nearest, parameter
 from drfmcw_ros.cli import write_atomically
 from drfmcw_sim.effects import Effect, Motion
 
-from ..engine import check, diagnose_dataset
+from ..engine import check, compared, diagnose_dataset
 from ..finding import wording
 from ..finding.result import BeforeAfter, Diagnosis
 from ..judging.verdict import LIMITS
-from ..recording.dataset import Dataset
-from .limits import NODE, WATCH
+from .driving import drives
+from .limits import NODE
 from .window import Snapshot, Window
 
 OK, WARN, STALE = 'ok', 'warn', 'stale'
@@ -105,8 +103,9 @@ def judge(order: Order) -> Iterator[Judgement]:
     """Yield what the check says, then, where a search is due, what that says."""
     try:
         data = order.snapshot.dataset()
-        chance, misfit = map(float, check(data))
-        driving = bool(set(_driving()) & set(order.expected)) and drives(data)
+        comparison = compared(data)
+        chance, misfit = check(comparison)
+        driving = bool(set(_driving()) & set(order.expected)) and drives(comparison)
         failed = chance < order.false_alarm_rate and not driving
         search = order.search or failed != order.failed
         start, end = int(data.stamp[0]), int(data.stamp[-1])
@@ -124,12 +123,6 @@ def judge(order: Order) -> Iterator[Judgement]:
             yield dataclasses.replace(checked, searching=False, diagnosis=found, written=written)
     except (ConfigurationError, OSError) as error:
         yield Judgement(str(error))
-
-
-def drives(data: Dataset) -> bool:
-    """Return True where the reference, or without one the measured ranges, show that the crane moves in some sweeps."""
-    velocity, std = data.motion
-    return bool(np.any(np.abs(velocity) > np.maximum(WATCH.certain * std, WATCH.standing)))
 
 
 def is_expected(diagnosis: Diagnosis, expected: Collection[str], driving: bool = False) -> bool:
