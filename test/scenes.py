@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 
@@ -28,3 +29,12 @@ def record(scenario: Scenario, path: Path) -> Path:
     """Render a scenario into a recording and return its path."""
     write_recording(scenario, path)
     return path
+
+
+def without(source: Path, target: Path, *topics: str) -> Path:
+    """Copy a recording without the topics that hold one of some words; return the copy's path."""
+    with BagReader(source) as bag, BagWriter(target) as copy:
+        kept = {t for t in bag.topics if not any(word in t for word in topics)}
+        for topic, time, message in bag.messages(kept):
+            copy.write(topic, bag.topics[topic], time, message)
+    return target

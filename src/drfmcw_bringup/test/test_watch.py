@@ -14,7 +14,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import record, scene
+from scenes import record, scene, without
 
 from drfmcw_bringup.graph import REPLAY, STATION, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import monitored
@@ -126,14 +126,14 @@ def test_time_set_back_begins_a_new_window():
     assert numbers(window) == set(range(5))
 
 
-def fed(recording: Path, stations=('master', 'slave'), without=(), until: int | None = None, **changes) -> Window:
+def fed(recording: Path, stations=('master', 'slave'), missing=(), until: int | None = None, **changes) -> Window:
     """A window that has taken a recording's messages in the order of its clock, the sweeps of some stations.
 
-    Those of the topics `without` do not come, nor do sweeps from number `until` on.
+    Those of the topics `missing` do not come, nor do sweeps from number `until` on.
     """
     window = Window('master/slave', WindowSettings(**{'interval': 0.0} | changes))
     with BagReader(recording) as bag:
-        for topic, _, message in bag.messages(set(bag.topics) - set(without)):
+        for topic, _, message in bag.messages(set(bag.topics) - set(missing)):
             if topic.endswith('/if_samples'):
                 taken = message.station in stations and (until is None or message.sweep_id < until)
                 window.add([from_message(message, Sweep)] * taken)
@@ -306,8 +306,8 @@ def driving(tmp_path_factory) -> Path:
     return record(scene(DRIVING, timing={'sweep_interval': 0.05}), tmp_path_factory.mktemp('drive') / 'drive')
 
 
-@pytest.mark.parametrize('without', [(), ('/reference/range',)], ids=['reference', 'no_reference'])
-def test_a_drive_alone_starts_no_search(driving, recordings, without):
+@pytest.mark.parametrize('missing', [(), ('/reference/range',)], ids=['reference', 'no_reference'])
+def test_a_drive_alone_starts_no_search(driving, recordings, missing):
     """Where it is expected; a mismatch of a crane that stands does. The recordings are fixed."""
     for path, expected, failed, drives in (
         (driving, ('target_motion',), False, True),
@@ -315,7 +315,7 @@ def test_a_drive_alone_starts_no_search(driving, recordings, without):
         (recordings['ripple'], ('target_motion',), True, False),
         (recordings['clean'], ('target_motion',), False, False),
     ):
-        window = fed(path, without=without)
+        window = fed(path, missing=missing)
         (judged,) = judge(Order(window.snapshot(), 1e-4, failed, False, None, expected))
         assert not judged.problem
         assert (judged.failed, judged.searching, judged.driving) == (failed, False, drives)
@@ -326,16 +326,16 @@ def judged_alone(window: Window) -> Judgement:
     return next(judge(Order(window.snapshot(), 1e-4, False, False, None, ('target_motion',))))
 
 
-@pytest.mark.parametrize('without', [(), ('/reference/range',)], ids=['reference', 'no_reference'])
+@pytest.mark.parametrize('missing', [(), ('/reference/range',)], ids=['reference', 'no_reference'])
 @pytest.mark.parametrize('since', [0.1, 0.3])
-def test_a_drive_is_seen_from_its_first_centimetre_on(tmp_path, without, since):
+def test_a_drive_is_seen_from_its_first_centimetre_on(tmp_path, missing, since):
     """Within 5 mm of noise, when a tenth of a second and 1.5 mm of it are in the window; the recording is fixed."""
     drive = {'drive': {'waypoints': [300.0, 301.0], 'speed': 1.0, 'acceleration': 0.3, 'dwell': 2.0}}
     path = record(scene(drive, timing={'sweep_interval': 0.02}, reference={'range_std': 0.005}), tmp_path / 'drive')
     begin = round(2.0 / 0.02)
-    judged = judged_alone(fed(path, without=without, until=begin + round(since / 0.02)))
+    judged = judged_alone(fed(path, missing=missing, until=begin + round(since / 0.02)))
     assert (judged.driving, judged.failed) == (True, False)
-    assert not judged_alone(fed(path, without=without, until=begin)).driving
+    assert not judged_alone(fed(path, missing=missing, until=begin)).driving
 
 
 def test_sway_is_no_drive(tmp_path):
@@ -477,6 +477,31 @@ def test_node_is_content_with_what_the_model_explains(recordings, tmp_path):
         assert (values['verdict'], values['records received']) == ('consistent', str(2 * SWEEPS))
         heard.wait(lambda s: {v.key: v.value for v in s.values}['last full search'] != 'none yet', log)
         assert DiagnosticStatus.WARN not in [s.level for s in heard.said]
+    assert not list((tmp_path / 'findings').iterdir())
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('reference', 'changes'),
+    [
+        (False, {'window.interval': 0.0, 'window.sweeps': 48, 'period': 0.5}),  # every look a quick check
+        (True, {'window.burst': 48, 'search_interval': 0.0}),  # the first sweeps of the drive, and a full search
+    ],
+    ids=['looks', 'search'],
+)
+def test_node_is_content_with_a_drive(driving, tmp_path, reference, changes):
+    """No warning and no finding while the crane accelerates, drives and stops, with and without a reference."""
+    path = driving if reference else without(driving, tmp_path / 'played', '/reference/range')
+    with watched(tmp_path, **{'fewest': 48} | changes) as (graph, heard, log):
+        graph.start('player', REPLAY, str(path), '--publish')
+        said = heard.wait(lambda s: s.message.startswith('the crane drives, as expected'), log)
+        assert said.level == DiagnosticStatus.OK
+        if reference:
+            said = heard.wait(lambda s: {v.key: v.value for v in s.values}['last full search'] != 'none yet', log)
+            assert {v.key: v.value for v in said.values}['verdict'] == 'explained' and 'arget motion' in said.message
+        graph.members['player'].process.wait(LIMIT)
+        assert DiagnosticStatus.WARN not in [s.level for s in heard.said], [s.message for s in heard.said]
     assert not list((tmp_path / 'findings').iterdir())
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checkout import DATA
-from scenes import STANDARD_STATION, mapping, record
+from scenes import STANDARD_STATION, mapping, record, without
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
@@ -17,7 +17,6 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from drfmcw_node.estimators.pair import SingleEstimator
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.bag.files import BagReader, BagWriter
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping
 
@@ -41,15 +40,6 @@ def own_echo(path, distances=(20.0, 45.0, 90.0, 140.0, 200.0), sweeps=12, statio
         'seed': 5,
     }
     return record(scenario_from_mapping(scenario | sections, 'test'), path)
-
-
-def without(source, target, *topics):
-    """Copy a recording without the topics that hold one of some words."""
-    with BagReader(source) as bag, BagWriter(target) as copy:
-        kept = {t for t in bag.topics if not any(word in t for word in topics)}
-        for topic, time, message in bag.messages(kept):
-            copy.write(topic, bag.topics[topic], time, message)
-    return target
 
 
 def alone(data, station):
