@@ -12,6 +12,7 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.sources.sockets import SocketSettings
 from drfmcw_node.station_settings import StationSettings
 from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters, read_yaml
+from drfmcw_ros.config_files import find_config
 
 from .graph import WRONG_CONFIGURATION
 
@@ -23,16 +24,17 @@ _FUSION_KEYS = ('/fusion', 'fusion', '/**')  # of a parameter file, by which fus
 
 
 def parameter_files(path: str) -> list[str]:
-    """Return the ROS parameter file at `path` as a list, empty for an empty path.
+    """Return the ROS parameter file at `path`, or of that name in config/hardware, as a list; empty for an empty path.
 
     launch_ros only warns of a file that is not there and starts the nodes without it.
 
     Raises:
-        ConfigurationError: it cannot be read or holds no parameters.
+        ConfigurationError: it cannot be found or read, or holds no parameters.
     """
-    if path:
-        _nodes_in(path)
-    return [path] if path else []
+    if not path:
+        return []
+    _nodes_in(path)
+    return [str(_found(path))]
 
 
 def pairs_in(path: str) -> list[str]:
@@ -125,9 +127,13 @@ def end_if_misconfigured(event: Any, context: Any) -> None:
         raise ConfigurationError(f'{event.process_name}: wrong configuration (status 2), see its last line above')
 
 
+def _found(path: str) -> Path:
+    return find_config(path, 'hardware')
+
+
 def _nodes_in(path: str) -> dict[str, Any]:
     """Return the nodes of a ROS parameter file and what each gets."""
-    content = read_yaml(Path(path))
+    content = read_yaml(_found(path))
     if not all(isinstance(value, dict) for value in content.values()):
         raise ConfigurationError(f'{path}: no ROS parameter file: give node: ros__parameters: name: value')
     return content

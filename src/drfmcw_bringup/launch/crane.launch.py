@@ -13,13 +13,15 @@ from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import read_scenario
 from launch import LaunchDescription
 
+PARAMETERS = 'YAML file with parameters of all nodes, or name in config/hardware'
+
 
 def generate_launch_description():
     """Declare the arguments; the nodes follow from the scenario or the parameter file."""
     return LaunchDescription(
         [
             DeclareLaunchArgument('scenario', default_value='crane', description='YAML file, or name in config'),
-            DeclareLaunchArgument('parameters', default_value='', description='YAML file with parameters of all nodes'),
+            DeclareLaunchArgument('parameters', default_value='', description=PARAMETERS),
             DeclareLaunchArgument('rate', default_value='1.0', description='scenario seconds per second'),
             DeclareLaunchArgument(
                 'simulate',

@@ -11,7 +11,7 @@ from drfmcw_bringup import launching
 from launch import LaunchDescription
 
 STATION = 'name of the station, and its namespace'
-PARAMETERS = 'YAML file with parameters of the node; the arguments take precedence'
+PARAMETERS = 'YAML file with parameters of the node, or name in config/hardware; the arguments take precedence'
 
 
 def generate_launch_description():

@@ -28,6 +28,9 @@ def test_shipped_parameters_give_the_pairs_and_stations():
     assert pairs == ['master/slave']
     assert launching.stations_of(pairs) == ['master', 'slave']
     assert launching.parameter_files(str(FILE)) == [str(FILE)]
+    for name in ('two_stations', 'two_stations.yaml'):
+        (found,) = launching.parameter_files(name)
+        assert launching.pairs_in(name) == launching.pairs_in(found) == pairs and found.endswith('/two_stations.yaml')
     assert launching.parameter_files('') == launching.pairs_in('') == []
     assert launching.has_node(str(FILE), 'fusion') and launching.has_node(str(FILE), 'frames')
     assert not launching.has_node(str(FILE), 'watch') and not launching.has_node('', 'fusion')
@@ -37,7 +40,7 @@ def test_shipped_parameters_give_the_pairs_and_stations():
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        (None, 'No such file'),
+        (None, 'no such file, and none of that name in config/hardware/'),
         ('a: [', 'line 1'),
         ('master: 5', 'no ROS parameter file'),
         ('/fusion: {ros__parameters: {pairs: master/slave}}', "is no list of 'first/second'"),
@@ -156,7 +159,7 @@ def launched(file, *arguments, until=None, limit=90.0):
         ('crane.launch.py', ['simulate:=yes'], "Valid options are: ['true', 'false']"),
         ('crane.launch.py', ['rate:=fast'], 'give a number above zero'),
         ('crane.launch.py', ['scenario:=cran'], "did you mean 'crane'"),
-        ('crane.launch.py', ['simulate:=false', 'parameters:=nowhere.yaml'], 'nowhere.yaml: No such file'),
+        ('crane.launch.py', ['simulate:=false', 'parameters:=nowhere.yaml'], 'nowhere.yaml: no such file'),
         ('station.launch.py', ['station:=master', 'source:=tcp'], 'needs the name of at least one peer'),
         ('station.launch.py', ['station:=master', 'source:=tpc'], "'tcp', 'udp'"),
         ('watch.launch.py', ['pair:=master'], 'wrong configuration (status 2)'),
