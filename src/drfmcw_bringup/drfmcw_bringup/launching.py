@@ -3,6 +3,7 @@
 A ConfigurationError ends a launch with its text and status 1, the only one that `ros2 launch` has for a failure.
 """
 
+import signal
 import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -125,6 +126,19 @@ def end_if_misconfigured(event: Any, context: Any) -> None:
     """
     if event.returncode == WRONG_CONFIGURATION:
         raise ConfigurationError(f'{event.process_name}: wrong configuration (status 2), see its last line above')
+
+
+def end_if_unfinished(event: Any, context: Any) -> None:
+    """End the launch, with a failure, where the simulator died: without it there are no sweeps, nor will there be.
+
+    Raises:
+        ConfigurationError: the process ended with another status than 0, and nobody stopped the launch.
+    """
+    end_if_misconfigured(event, context)
+    if event.returncode != 0 and not context.is_shutdown:
+        status = event.returncode
+        how = f'killed by {signal.Signals(-status).name}' if status < 0 else f'status {status}'
+        raise ConfigurationError(f'{event.process_name}: ended before the scenario ({how})')
 
 
 def _found(path: str) -> Path:

@@ -67,8 +67,14 @@ def nodes(context):
                 package='drfmcw_sim',
                 executable='simulator',
                 parameters=[{'scenario': str(path), 'rate': rate}],
-                on_exit=Shutdown(reason='the scenario has ended'),
+                on_exit=scenario_ended,
                 output='screen',
             )
         )
     return started
+
+
+def scenario_ended(event, context):
+    """End the launch: as the scenario has, or with a failure where the simulator has not brought it to its end."""
+    launching.end_if_unfinished(event, context)
+    return [Shutdown(reason='the scenario has ended')]
