@@ -25,7 +25,7 @@ def generate_launch_description():
         namespace=LaunchConfiguration('pair'),
         parameters=[{name: ParameterValue(LaunchConfiguration(name), value_type=str) for name in names}],
         respawn=True,
-        respawn_delay=5.0,
+        respawn_delay=launching.RESPAWN_DELAY,
         on_exit=launching.end_if_misconfigured,
         output='screen',
     )

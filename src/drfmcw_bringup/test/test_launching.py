@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import time
+import types
 import xml.etree.ElementTree as ElementTree
 
+import launch_stub
 import pytest
 import yaml
 from checkout import CONFIG, ROOT
@@ -118,6 +120,94 @@ def test_rviz_and_urdf_use_the_frames_and_topics_of_the_frames_node():
     assert JOINT in {joint.get('name') for joint in urdf.iter('joint')}
 
 
+# --- the launch files, evaluated without `launch` ---
+
+SITE = [('drfmcw_fusion', 'fusion', ''), ('drfmcw_node', 'station', 'master'), ('drfmcw_node', 'station', 'slave')]
+LAUNCHES = {
+    'crane.launch.py': [*SITE, ('drfmcw_sim', 'simulator', '')],
+    'crane.launch.py host:=true': [*SITE, ('drfmcw_host', 'host', ''), ('drfmcw_sim', 'simulator', '')],
+    'crane.launch.py simulate:=false parameters:=two_stations.yaml': [
+        SITE[0],
+        ('drfmcw_fusion', 'frames', ''),
+        *SITE[1:],
+    ],
+    'station.launch.py station:=master source:=tcp ip_port:=9000 peer:=slave estimator:=ml': [SITE[1]],
+    'watch.launch.py pair:=master/slave findings:=findings': [('drfmcw_diagnosis', 'watch', 'master/slave')],
+}
+
+
+def described(command):
+    """The nodes of a launch file with its arguments."""
+    file, *arguments = command.split()
+    return launch_stub.nodes(ROOT / 'src' / 'drfmcw_bringup' / 'launch' / file, *arguments)
+
+
+def exited(node, status, shutdown=False):
+    """What follows when a node's process has ended with a status, while the launch runs or is shut down."""
+    event = types.SimpleNamespace(returncode=status, process_name=f'{node.executable}-1')
+    return node.on_exit(event, launch_stub.Context(is_shutdown=shutdown))
+
+
+@pytest.mark.parametrize('command', LAUNCHES)
+def test_every_node_that_dies_comes_back_but_after_a_wrong_configuration(command):
+    nodes = described(command)
+    assert [(n.package, n.executable, n.namespace) for n in nodes] == LAUNCHES[command]
+    for node in nodes:
+        assert node.output == 'screen'
+        with pytest.raises(ConfigurationError, match=f'{node.executable}-1: wrong configuration'):
+            exited(node, 2)
+        if node.executable == 'simulator':
+            continue
+        assert node.respawn is True and node.respawn_delay == launching.RESPAWN_DELAY > 0.0, node.executable
+        assert all(exited(node, status) is None for status in (0, 1, -signal.SIGKILL, -signal.SIGSEGV))
+
+
+def test_the_end_of_the_scenario_ends_the_launch_and_that_of_the_simulator_fails_it():
+    simulator = described('crane.launch.py')[-1]
+    assert not simulator.respawn, 'the scenario would begin again'
+    (action,) = exited(simulator, 0)
+    assert action == launch_stub.Shutdown(reason='the scenario has ended')
+    for status, how in ((1, 'status 1'), (-signal.SIGKILL, 'killed by SIGKILL'), (-signal.SIGTERM, 'killed by SIGT')):
+        with pytest.raises(ConfigurationError, match=rf'simulator-1: ended before the scenario \({how}'):
+            exited(simulator, status)
+        assert exited(simulator, status, shutdown=True), 'who stops the launch stops the simulator'
+
+
+def test_arguments_reach_the_nodes():
+    fusion, *stations, simulator = described('crane.launch.py scenario:=tdma rate:=2')
+    assert fusion.parameters == [{'pairs': [f'master/slave_{n}' for n in (1, 2, 3)]}]
+    assert [s.parameters for s in stations] == [[{'station': s.namespace}] for s in stations]
+    assert [s.namespace for s in stations] == ['master', 'slave_1', 'slave_2', 'slave_3']
+    assert simulator.parameters == [{'scenario': str(CONFIG / 'tdma.yaml'), 'rate': 2.0}]
+    for node in described(f'crane.launch.py simulate:=false parameters:={FILE}'):
+        assert node.parameters[-1] == str(FILE), 'a parameter file decides'
+    (station,) = described(f'station.launch.py station:=east parameters:={FILE} source:=udp ip_port:=9001 peer:=west')
+    given = {'station': 'east', 'source': 'udp', 'ip_port': 9001, 'peer': 'west'}
+    assert station.parameters == [str(FILE), given], 'arguments take precedence'
+    (watch,) = described('watch.launch.py pair:=a/b')
+    assert watch.parameters == [{'pair': 'a/b', 'findings': ''}]
+
+
+WRONG = [
+    ('crane.launch.py simulate:=yes', "Valid options are: ['true', 'false']"),
+    ('crane.launch.py host:=1', "Valid options are: ['true', 'false']"),
+    ('crane.launch.py rate:=fast', 'give a number above zero'),
+    ('crane.launch.py scenario:=cran', "did you mean 'crane'"),
+    ('crane.launch.py simulate:=false parameters:=nowhere.yaml', 'nowhere.yaml: no such file'),
+    ('crane.launch.py simulate:=false parameters:=two_statoins.yaml', "did you mean 'two_stations'?"),
+    ('station.launch.py', '"station" was not provided'),
+    ('station.launch.py station:=master source:=tpc', "'tcp', 'udp'"),
+    ('station.launch.py station:=master estimator:=mll', "'ml'"),
+]
+"""What ends a launch before anything starts, and with which reason."""
+
+
+@pytest.mark.parametrize(('command', 'said'), WRONG)
+def test_wrong_arguments_are_refused_with_the_valid_ones(command, said):
+    with pytest.raises((RuntimeError, ConfigurationError), match=re.escape(said)):
+        described(command)
+
+
 # --- the launch files, with the real `launch` ---
 
 LAUNCH = """
@@ -133,8 +223,11 @@ sys.exit(service.run())
 """
 
 
-def launched(file, *arguments, until=None, limit=90.0):
-    """(status, output) of `ros2 launch`; SIGINT ends it once the output matches `until`."""
+def launched(file, *arguments, until=None, kill='', limit=90.0):
+    """(status, output) of `ros2 launch`; SIGINT ends it once the output matches `until`.
+
+    The first process of the executable `kill` gets SIGKILL as soon as it runs.
+    """
     pytest.importorskip('launch_ros')
     path = ROOT / 'src' / 'drfmcw_bringup' / 'launch' / file
     command = [sys.executable, '-u', '-c', LAUNCH, str(path), *arguments]
@@ -146,6 +239,9 @@ def launched(file, *arguments, until=None, limit=90.0):
         end = time.monotonic() + limit
         for line in process.stdout:
             said += line
+            if kill and (found := re.search(rf'\[{kill}-\d+\]: process started with pid \[(\d+)\]', line)):
+                os.kill(int(found[1]), signal.SIGKILL)
+                kill = ''
             if (until and re.search(until, said)) or time.monotonic() > end:
                 process.send_signal(signal.SIGINT)
                 until = None
@@ -154,18 +250,15 @@ def launched(file, *arguments, until=None, limit=90.0):
 
 @pytest.mark.graph
 @pytest.mark.parametrize(
-    ('file', 'arguments', 'said'),
+    ('command', 'said'),
     [
-        ('crane.launch.py', ['simulate:=yes'], "Valid options are: ['true', 'false']"),
-        ('crane.launch.py', ['rate:=fast'], 'give a number above zero'),
-        ('crane.launch.py', ['scenario:=cran'], "did you mean 'crane'"),
-        ('crane.launch.py', ['simulate:=false', 'parameters:=nowhere.yaml'], 'nowhere.yaml: no such file'),
-        ('station.launch.py', ['station:=master', 'source:=tcp'], 'needs the name of at least one peer'),
-        ('station.launch.py', ['station:=master', 'source:=tpc'], "'tcp', 'udp'"),
-        ('watch.launch.py', ['pair:=master'], 'wrong configuration (status 2)'),
+        *WRONG,
+        ('station.launch.py station:=master source:=tcp', 'needs the name of at least one peer'),
+        ('watch.launch.py pair:=master', 'wrong configuration (status 2)'),
     ],
 )
-def test_wrong_launches_end_with_the_reason(file, arguments, said):
+def test_wrong_launches_end_with_the_reason(command, said):
+    file, *arguments = command.split()
     status, text = launched(file, *arguments)
     assert status == 1 and said in text, text
 
@@ -183,3 +276,18 @@ def test_right_launches_run_until_they_are_interrupted(file, arguments, until):
     _, text = launched(file, *arguments, until=until)
     assert re.search(until, text), text
     assert 'Traceback' not in text and 'process has died' not in text, text
+
+
+@pytest.mark.graph
+def test_killed_fusion_is_started_again():
+    started = r'\[fusion-\d+\]: process started'
+    _, text = launched('crane.launch.py', kill='fusion', until=f'(?s){started}.*process has died.*{started}')
+    assert len(re.findall(started, text)) == 2, text
+    assert 'Traceback' not in text, text
+
+
+@pytest.mark.graph
+def test_killed_simulator_ends_the_launch_with_the_reason():
+    status, text = launched('crane.launch.py', kill='simulator')
+    assert status == 1 and 'ended before the scenario (killed by SIGKILL)' in text, text
+    assert 'the scenario has ended' not in text
