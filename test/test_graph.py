@@ -48,6 +48,7 @@ from drfmcw_sim.scenario import read_scenario
 pytestmark = pytest.mark.graph
 
 ROOT = Path(__file__).parents[1]
+WATCH = 'drfmcw_diagnosis.live.node'
 PRACTICE = ROOT / 'test' / 'data' / 'recording_0'
 LIMIT = 40.0  # for anything that is waited for, on a busy machine [s]
 STOP_LIMIT = 10.0  # for a process to end after a signal [s]
@@ -441,6 +442,21 @@ def test_silent_station_holds_nobody_up(tmp_path):
         live.wait(lambda: "'slave' answers again" in live.log('simulator'), 'the answer of the new process')
         count = live.monitor.total
         live.wait(lambda: live.monitor.total > count + 100, 'ranges of the new process')
+
+
+@pytest.mark.parametrize('reliabilities', [('best_effort',) * 2, ('best_effort', 'reliable')], ids=['both', 'one'])
+def test_sweeps_of_a_best_effort_driver_are_evaluated_once(tmp_path, reliabilities):
+    """As REP 2003 has it for sensors: stations and watch hear them, and no range comes twice."""
+    path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.02})
+    names = [f'qos_overrides./{s}/if_samples.publisher.reliability' for s in ('master', 'slave')]
+    with site(tmp_path) as live:
+        live.graph.start('watch', WATCH, *parameters({'fewest': 24, 'window.interval': 0.0}))
+        live.start(path, {'rate': 1.0} | dict(zip(names, reliabilities, strict=True)))
+        live.wait(lambda: live.monitor.total >= 200, 'ranges')
+        live.wait(lambda: live.value('/watch: Model master/slave', 'stations heard') == 'master, slave', 'the watch')
+        ids = [a.sweep_id for a in live.monitor.arrivals]
+        assert len(set(ids)) == len(ids)
+        assert live.value('/master/station: Source', 'publishers of /master/if_samples') == '1'
 
 
 # --- time division ---

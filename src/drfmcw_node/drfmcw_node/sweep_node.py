@@ -69,7 +69,7 @@ class SweepNode(ManagedNode):
         self._spectrum = SettingsParameters(self, SpectrumSettings)
         self._first = qos.FirstTopics(self)  # settings and calibrations: before the sweeps that need them
         self._early = EarlySweeps(processor)
-        self._sweep_subscriptions: dict[str, Any] = {}  # by topic
+        self._sweep_subscriptions: dict[str, Any] = {}  # by topic, each matched with all publishers
         self._results: dict[str, tuple[Any, Any]] = {}  # publishers of beats and spectra by station
         self._seen: dict[str, int] = {}
         self._last_report = (0, 0)
@@ -127,8 +127,11 @@ class SweepNode(ManagedNode):
             kind, name, take = IfSamples, 'if_samples', self._take_samples
         else:
             kind, name, take = CompressedIfSamples, 'if_samples_compressed', self._take_compressed
-        created = qos.subscription(self, kind, prefix + name, take, qos.RELIABLE, batch=True, gather=gather)
-        self._sweep_subscriptions[created.topic_name] = created
+
+        def note(created: Any) -> None:
+            self._sweep_subscriptions[created.topic_name] = created
+
+        qos.stream(self, kind, prefix + name, take, qos.RELIABLE, gather, note)
 
     def _concerns(self, station: str, peer: str) -> bool:
         """Return True for settings that this node's sweeps may need."""

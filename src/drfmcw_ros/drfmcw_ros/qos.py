@@ -1,7 +1,7 @@
 """QoS profiles of the contract, and publishers and subscriptions that use them and can be overridden by parameters."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -222,6 +222,7 @@ def subscription(
     gather: float = 0.0,
     numbers: Callable[[int], None] | None = None,
     events: SubscriptionEventCallbacks | None = None,
+    wanted: Callable[[Mapping[str, int]], bool] | None = None,
 ) -> Subscription:
     """Create a subscription whose QoS can be overridden by parameters.
 
@@ -240,6 +241,8 @@ def subscription(
         numbers: with `batch`, gets the number that the publisher gave to each message, before `callback` gets them.
         events: callbacks of missed deadlines, of publishers that came or died, and of incompatible profiles, of which a
             warning is logged otherwise.
+        wanted: with `batch`, gets what the middleware says about each message; those for which it is False go no
+            further.
     """
     created: list[Subscription] = []
     rate = _Rate()
@@ -256,10 +259,13 @@ def subscription(
             messages.append(taken[0])
             infos.append(taken[1])
         rate.add(len(messages))
+        if wanted is not None:
+            messages = [message for message, info in zip(messages, infos, strict=True) if wanted(info)]
         if numbers is not None:
             for info in infos:
                 numbers(info['publication_sequence_number'])
-        callback(messages)
+        if messages:
+            callback(messages)
 
     taking: Any = drain if batch else callback  # rclpy passes what its signature asks for, which its types lack
     created.append(
@@ -316,6 +322,79 @@ def readings(
         on_created(subscription(node, message_type, topic, callback, profile, batch, instance=instance, events=events))
 
     ask()
+
+
+def stream(
+    node: Node,
+    message_type: type,
+    topic: str,
+    callback: Callable[[Any], None],
+    profile: QoSProfile,
+    gather: float = 0.0,
+    on_created: Callable[[Subscription], None] = lambda created: None,
+) -> None:
+    """Subscribe to somebody else's stream, reliable or best-effort: hand over lists of messages, each message once.
+
+    A best-effort publisher is found by the event that its profile does not suit. A further, best-effort subscription
+    then hears it, and what reliable publishers send as well: that would come twice.
+
+    Args:
+        node: owner.
+        message_type: ROS message class.
+        topic: relative or absolute name.
+        callback: gets a list of all messages that wait at the middleware.
+        profile: default QoS, reliable.
+        gather: as in `subscription`.
+        on_created: gets each subscription that is made; the last one made is matched with all publishers.
+    """
+    once = _Once(2 * profile.depth)
+
+    def hear_best_effort(event: Any) -> None:
+        if once.active:
+            return
+        once.active = True
+        on_created(
+            subscription(
+                node,
+                message_type,
+                topic,
+                callback,
+                SENSOR,
+                batch=True,
+                instance='best_effort',
+                gather=gather,
+                wanted=once,
+            )
+        )
+
+    events = SubscriptionEventCallbacks(incompatible_qos=hear_best_effort)
+    on_created(
+        subscription(
+            node, message_type, topic, callback, profile, batch=True, gather=gather, events=events, wanted=once
+        )
+    )
+
+
+class _Once:
+    """Tells which messages of two subscriptions to one topic come for the first time."""
+
+    def __init__(self, most: int) -> None:
+        """Remember up to `most` messages once `active`."""
+        self.active = False
+        self._most = most
+        self._known: dict[tuple[int, int], None] = {}  # time of publishing [ns], publisher's number; the oldest first
+
+    def __call__(self, about: Mapping[str, int]) -> bool:
+        """Return whether a message, by what the middleware says about it, has not come yet."""
+        if not self.active:
+            return True
+        key = about['source_timestamp'], about['publication_sequence_number']
+        if key in self._known:
+            return False
+        self._known[key] = None
+        if len(self._known) > self._most:
+            del self._known[next(iter(self._known))]
+        return True
 
 
 class FirstTopics:

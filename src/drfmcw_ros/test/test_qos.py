@@ -1,4 +1,4 @@
-"""Readings with whatever QoS a sensor publishes them, overrides of QoS, unique names in diagnostics."""
+"""Readings and streams with whatever QoS they are published, overrides of QoS, unique names in diagnostics."""
 
 import contextlib
 import time
@@ -84,6 +84,47 @@ def test_sensor_that_comes_later_is_heard_too(context):
         until(late.get_subscription_count)
         late.publish(reading(8.0))
         until(lambda: first.poll() or heard == {7.0, 8.0})
+
+
+def publish(sender, numbers):
+    """Send numbers, which fit into the queue of whoever listens."""
+    for number in numbers:
+        sender.publish(reading(float(number)))
+
+
+@pytest.mark.parametrize('profile', [qos.RELIABLE, qos.SENSOR], ids=['reliable', 'best_effort'])
+def test_streams_of_every_reliability_arrive(context, profile):
+    with spinning(context, sensor={}, listener={}) as (sensor, listener, until):
+        heard = []
+        qos.stream(listener, Temperature, TOPIC, heard.extend, qos.RELIABLE)
+        sender = sensor.create_publisher(Temperature, TOPIC, profile)
+        until(sender.get_subscription_count)
+        publish(sender, range(100))
+        until(lambda: len(heard) >= 100)
+        assert [m.temperature for m in heard] == list(range(100))
+
+
+def test_stream_of_publishers_of_both_reliabilities_comes_once(context):
+    """The reliable publisher's messages reach two subscriptions, and each is handed over once."""
+    made = []
+    with spinning(context, sensor={}, other={}, listener={}) as (sensor, other, listener, until):
+        heard = []
+        qos.stream(listener, Temperature, TOPIC, heard.extend, qos.RELIABLE, on_created=made.append)
+        reliable = sensor.create_publisher(Temperature, TOPIC, qos.RELIABLE)
+        until(reliable.get_subscription_count)
+        publish(reliable, range(50))
+        until(lambda: len(heard) == 50)
+        loose = other.create_publisher(Temperature, TOPIC, qos.SENSOR)
+        until(lambda: loose.get_subscription_count() and reliable.get_subscription_count() == 2)
+        until(lambda: len(made) == 2 and made[1].get_publisher_count() == 2)
+        publish(reliable, range(50, 150))
+        publish(loose, range(1000, 1100))
+        until(lambda: len(heard) >= 250)
+        publish(reliable, [150])
+        until(lambda: heard[-1].temperature == 150.0)
+        numbers = [m.temperature for m in heard]
+        assert sorted(numbers) == [*range(151), *range(1000, 1100)]
+        assert made[0].topic_name == made[1].topic_name == TOPIC
 
 
 def test_override_changes_one_topic_only(context):

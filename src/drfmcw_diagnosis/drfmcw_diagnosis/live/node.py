@@ -97,7 +97,7 @@ class WatchNode(Node):
                 kind, topic, take = IfSamples, f'/{station}/if_samples', self._take_sweeps
             else:
                 kind, topic, take = CompressedIfSamples, f'/{station}/if_samples_compressed', self._take_compressed
-            qos.subscription(self, kind, topic, take, qos.DEEP, batch=True, gather=NODE.gather)
+            qos.stream(self, kind, topic, take, qos.DEEP, NODE.gather)
         for topic, kind in _SITE_TYPES.items():
             qos.readings(self, kind, topic, functools.partial(self._take, topic), batch=True)
         Diagnostics(self, watched.pair).add(f'Model {watched.pair}', self._diagnose)
