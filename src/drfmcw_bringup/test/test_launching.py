@@ -12,6 +12,7 @@ import types
 import xml.etree.ElementTree as ElementTree
 
 import launch_stub
+import numpy as np
 import pytest
 import yaml
 from checkout import CONFIG, ROOT
@@ -118,6 +119,46 @@ def test_rviz_and_urdf_use_the_frames_and_topics_of_the_frames_node():
         assert defaults[name] == str(getattr(site, name)), name
     assert f'{defaults["fixed_station"]}/{defaults["crane_station"]}' == site.pair
     assert JOINT in {joint.get('name') for joint in urdf.iter('joint')}
+
+
+def chain(robot, link):
+    """Joints from the root of an expanded URDF to a link."""
+    above = {joint.find('child').get('link'): joint for joint in robot.iter('joint')}
+    found = []
+    while link in above:
+        found.insert(0, above[link])
+        link = above[link].find('parent').get('link')
+    return found
+
+
+def place(robot, link, position):
+    """Where a link stands in the root's frame with the crane's joint at `position` [m]."""
+    at = np.zeros(3)
+    for joint in chain(robot, link):
+        origin, axis = joint.find('origin'), joint.find('axis')
+        at += np.array(origin.get('xyz').split(), float) if origin is not None else 0.0
+        at += position * np.array(axis.get('xyz').split(), float) if joint.get('type') == 'prismatic' else 0.0
+    return at
+
+
+@pytest.mark.parametrize(
+    'given', [{}, {'fixed_z': 12.5, 'crane_x': -1.0, 'crane_z': 10.0, 'fixed_y': 2.0, 'rail_frame': 'track'}]
+)
+def test_urdf_has_the_antennas_where_the_frames_node_takes_them(given):
+    """The distance of its antennas at a position of the joint is that from which the node computes the position."""
+    xacro = pytest.importorskip('xacro')
+    site = SiteGeometry(**given)
+    path = ROOT / 'src' / 'drfmcw_bringup' / 'urdf' / 'crane.urdf.xacro'
+    expanded = xacro.process_file(str(path), mappings={name: str(value) for name, value in given.items()})
+    robot = ElementTree.fromstring(expanded.toxml())
+    assert '$' not in ElementTree.tostring(robot, encoding='unicode')
+    links = {link.get('name') for link in robot.iter('link')}
+    assert links == {site.rail_frame, site.crane_frame, 'master_antenna', 'slave_antenna'}
+    roots = {chain(robot, link)[0].find('parent').get('link') for link in links - {site.rail_frame}}
+    assert roots == {site.rail_frame}
+    for position in (40.0, 1000.0):
+        distance = np.linalg.norm(place(robot, 'slave_antenna', position) - place(robot, 'master_antenna', position))
+        assert site.position(float(distance), 0.01)[0] == pytest.approx(position, abs=1e-6)
 
 
 # --- the launch files, evaluated without `launch` ---
