@@ -1,36 +1,29 @@
 """The host's page in a real Chromium, beside a real graph: what it shows is true, and who may not change does not."""
 
-import contextlib
 import dataclasses
-import http.client
 import json
 import re
-import shutil
 import signal
-import socket
-import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from drfmcw_msgs.msg import RangeEstimate
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from hosted import CHROMIUM, PASSWORD, USER, Pages, chromium, wait
+from playwright.sync_api import Page, expect
+from ports import free_port
 from rclpy.parameter import parameter_dict_from_yaml_file
 from scenes import mapping
 
-from drfmcw_bringup.graph import HOST, Graph, private_environment
+from drfmcw_bringup.graph import Graph, private_environment
 from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_bringup.run import start_graph
-from drfmcw_host.access.passwords import Passwords
 from drfmcw_host.files.recordings import Recordings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_sim.scenario import read_scenario
-
-CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None)
 
 pytestmark = [
     pytest.mark.graph,
@@ -38,9 +31,6 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on this machine'),
 ]
 
-LIMIT = 90.0  # for anything that is waited for, on a busy machine [s]
-expect.set_options(timeout=LIMIT * 1000)
-USER, PASSWORD = 'anna', 'correct horse battery'
 HOSTILE = '<img src=x onerror="window.hacked=1">{{ constructor }}<script>window.hacked=1</script>'
 STANDING = {'standing': {'distances': [100.0], 'sweeps': 1_000_000}}
 SHOWN = """() => {
@@ -50,68 +40,12 @@ SHOWN = """() => {
 }"""
 
 
-@dataclasses.dataclass
-class Site:
-    """A graph with its host, and a browser."""
+@dataclasses.dataclass(kw_only=True)
+class Site(Pages):
+    """A simulated site beside the host."""
 
-    graph: Graph
     monitor: RangeMonitor
-    state: Path
     stations: Path  # where the stations keep their calibrations
-    port: int
-    browser: Browser
-    cookies: list[Any] = dataclasses.field(default_factory=list)
-
-    @property
-    def url(self) -> str:
-        return f'http://127.0.0.1:{self.port}'
-
-    def start_host(self) -> None:
-        arguments = ('--port', str(self.port), '--state', str(self.state))
-        host = self.graph.start('host', HOST, *arguments)
-        wait(lambda: 'host: ' in self.graph.last_words(host), 'the page', lambda: self.graph.last_words(host))
-
-    @contextlib.contextmanager
-    def page(self, path: str = '/', user: bool = False, **options: Any):
-        """A page of its own, with the session of the user or without any."""
-        context = self.browser.new_context(locale=options.pop('locale', 'en-GB'), **options)
-        context.set_default_timeout(LIMIT * 1000)
-        page = context.new_page()
-        if user and not self.cookies:
-            page.goto(f'{self.url}/login')
-            page.fill('[name=user]', USER)
-            page.fill('[name=password]', PASSWORD)
-            page.click('button[type=submit]')
-            self.cookies = [c for c in context.cookies() if c['name'] == 'drfmcw_session']
-            assert self.cookies and self.cookies[0]['httpOnly'] and self.cookies[0]['sameSite'] == 'Strict'
-        elif user:
-            context.add_cookies(self.cookies)
-        page.goto(self.url + path)
-        page.wait_for_selector('.content')
-        try:
-            yield page
-        finally:
-            context.close()
-
-    def request(self, method: str, path: str, **headers: str) -> tuple[int, dict[str, str]]:
-        connection = http.client.HTTPConnection('127.0.0.1', self.port, timeout=LIMIT)
-        try:
-            connection.request(method, path, headers={'Host': f'127.0.0.1:{self.port}'} | headers)
-            answer = connection.getresponse()
-            answer.read()
-            return answer.status, {name.lower(): value for name, value in answer.getheaders()}
-        finally:
-            connection.close()
-
-    def audit(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in (self.state / 'audit.jsonl').read_text().splitlines()]
-
-
-def wait(condition: Any, what: str, words: Any = lambda: '') -> None:
-    end = time.monotonic() + LIMIT
-    while not condition():
-        assert time.monotonic() < end, f'waited {LIMIT:g} s for {what}; {words()}'
-        time.sleep(0.05)
 
 
 @pytest.fixture(scope='module')
@@ -120,23 +54,25 @@ def site(tmp_path_factory):
     directory = tmp_path_factory.mktemp('site')
     scenario = directory / 'scenario.yaml'
     scenario.write_text(yaml.safe_dump(mapping(STANDING, timing={'sweep_interval': 0.05})))
-    state, stations = directory / 'state', directory / 'drfmcw'
-    Passwords(state / 'passwords.json').set(USER, PASSWORD)
-    with socket.create_server(('127.0.0.1', 0)) as probe:
-        port = probe.getsockname()[1]
+    stations = directory / 'drfmcw'
     environment = private_environment() | {'XDG_STATE_HOME': str(directory)}
     with (
         Graph(environment, directory / 'log') as graph,
         monitored(['master/slave'], int(environment['ROS_DOMAIN_ID']), keep=True) as monitor,
-        sync_playwright() as playwright,
+        chromium() as browser,
     ):
         start_graph(graph, scenario, read_scenario(scenario), {'state_directory': str(stations)}, monitor)
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
-        opened = Site(graph, monitor, state, stations, port, browser)
+        opened = Site(
+            graph=graph,
+            state=directory / 'state',
+            port=free_port(),
+            browser=browser,
+            monitor=monitor,
+            stations=stations,
+        )
         opened.start_host()
         wait(lambda: monitor.total, 'the first range')
         yield opened
-        browser.close()
 
 
 def fresh(page: Page) -> None:

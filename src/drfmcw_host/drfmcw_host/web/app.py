@@ -74,7 +74,7 @@ def application(host: Host, names: Iterable[str]) -> Application:
         reconnect_timeout=5.0,
         show_welcome_message=False,
     )
-    core.sio.eio.cors_allowed_origins = None  # the same origin only, as the guard asks of every request
+    core.sio.eio.cors_allowed_origins = []  # no check: the guard makes it, and Engine.IO takes TLS for another origin
     return Guard(served, names, host.secure)
 
 
