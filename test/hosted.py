@@ -1,4 +1,4 @@
-"""The host in a graph, and a real Chromium that opens its pages."""
+"""The host in a graph, and a real Chromium that opens its pages; without one the modules that need it are skipped."""
 
 import contextlib
 import dataclasses
@@ -11,12 +11,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from drfmcw_bringup.graph import HOST, Graph
 from drfmcw_host.access.passwords import Passwords
 
 CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None)
+if CHROMIUM is None:
+    pytest.skip('no Chromium on this machine', allow_module_level=True)
+
 LIMIT = 90.0  # for anything that is waited for, on a busy machine [s]
 expect.set_options(timeout=LIMIT * 1000)
 USER, PASSWORD = 'anna', 'correct horse battery'

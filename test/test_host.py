@@ -10,7 +10,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from drfmcw_msgs.msg import RangeEstimate
-from hosted import CHROMIUM, PASSWORD, USER, Pages, chromium, wait
+from hosted import PASSWORD, USER, Pages, chromium, wait
 from playwright.sync_api import Page, expect
 from ports import free_port
 from rclpy.parameter import parameter_dict_from_yaml_file
@@ -25,11 +25,7 @@ from drfmcw_ros import qos
 from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_sim.scenario import read_scenario
 
-pytestmark = [
-    pytest.mark.graph,
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on this machine'),
-]
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 HOSTILE = '<img src=x onerror="window.hacked=1">{{ constructor }}<script>window.hacked=1</script>'
 STANDING = {'standing': {'distances': [100.0], 'sweeps': 1_000_000}}

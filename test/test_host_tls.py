@@ -4,7 +4,7 @@ import shutil
 import subprocess
 
 import pytest
-from hosted import CHROMIUM, Pages, chromium
+from hosted import Pages, chromium
 from playwright.sync_api import expect
 from ports import free_port
 
@@ -13,7 +13,6 @@ from drfmcw_bringup.graph import Graph, private_environment
 pytestmark = [
     pytest.mark.graph,
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on this machine'),
     pytest.mark.skipif(not shutil.which('openssl'), reason='no openssl to make a certificate with'),
 ]
 SOCKETS = ('/_nicegui_ws/socket.io/?EIO=4&transport=websocket', '/live?view=now')
