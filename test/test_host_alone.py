@@ -1,20 +1,23 @@
-"""The host served by TLS: the page can be used, and its sockets refuse other pages all the same."""
+"""The host without stations, served by TLS: sockets refuse other pages, sessions end, recordings are diagnosed."""
 
 import shutil
 import subprocess
 
 import pytest
+from checkout import practice_recording
 from hosted import Pages, chromium
 from playwright.sync_api import expect
 from ports import free_port
 
 from drfmcw_bringup.graph import Graph, private_environment
+from drfmcw_host.files.recordings import Recordings
 
 pytestmark = [
     pytest.mark.graph,
     pytest.mark.slow,
     pytest.mark.skipif(not shutil.which('openssl'), reason='no openssl to make a certificate with'),
 ]
+KEPT = 'kept'
 SOCKETS = ('/_nicegui_ws/socket.io/?EIO=4&transport=websocket', '/live?view=now')
 UPGRADE = {
     'Connection': 'Upgrade',
@@ -26,7 +29,7 @@ UPGRADE = {
 
 @pytest.fixture(scope='module')
 def secure(tmp_path_factory):
-    """A host with a certificate of its own, and no stations."""
+    """A host with a certificate of its own, no stations, and one recording."""
     directory = tmp_path_factory.mktemp('tls')
     subprocess.run(
         [
@@ -46,6 +49,7 @@ def secure(tmp_path_factory):
             browser=browser,
             certificate=directory / 'host.pem',
         )
+        shutil.copytree(practice_recording(0), opened.state / 'recordings' / KEPT)
         opened.start_host()
         yield opened
 
@@ -79,3 +83,31 @@ def test_polling_takes_the_own_page_only(secure):
     assert secure.request('GET', path, Origin='https://evil.example')[0] == 403
     headers = secure.request('GET', path)[1]
     assert headers['cross-origin-resource-policy'] == 'same-origin' and 'access-control-allow-origin' not in headers
+
+
+def test_recording_is_diagnosed_and_its_report_opened(secure):
+    with secure.page('/recordings', user=True) as page:
+        entry = page.locator(f'[data-recording={KEPT}]')
+        entry.get_by_role('button', name='Diagnose', exact=True).click()
+        page.get_by_text(f'Diagnosis of {KEPT}: done').wait_for(timeout=250_000)
+        entry.get_by_role('button', name='Show result: Diagnose').click()
+        report = page.locator('iframe.report')
+        assert report.get_attribute('sandbox') == ''
+        expect(report.content_frame.locator('h1')).to_have_text('The model explains this recording')
+
+
+def test_open_page_can_change_nothing_after_a_log_out_elsewhere(secure):
+    with secure.page('/recordings', user=True) as page:
+        start = page.get_by_role('button', name='Start recording')
+        start.wait_for()
+        other = page.context.new_page()
+        other.goto(f'{secure.url}/')
+        other.locator('form[action="/logout"] button').click()
+        other.wait_for_selector('.badge')
+        page.get_by_label('Name').fill('unasked')
+        start.click()
+        page.get_by_text('Log in to change anything.').wait_for()
+    secure.cookies = []
+    refused = secure.audit()[-1]
+    assert (refused['action'], refused['what'], refused['address']) == ('refused', 'record unasked', '127.0.0.1')
+    assert [r.name for r in Recordings(secure.state / 'recordings').list()] == [KEPT]
