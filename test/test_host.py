@@ -13,6 +13,7 @@ from drfmcw_msgs.msg import RangeEstimate
 from hosted import PASSWORD, USER, Pages, chromium, wait
 from playwright.sync_api import Page, expect
 from ports import free_port
+from rcl_interfaces.msg import Log
 from rclpy.parameter import parameter_dict_from_yaml_file
 from scenes import mapping
 
@@ -259,6 +260,7 @@ def test_hostile_names_are_text(site):
     node = site.monitor
     diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
     ranges = node.create_publisher(RangeEstimate, '/evil/twin/range', qos.RELIABLE)
+    logs = node.create_publisher(Log, '/rosout', qos.LATCHED)
     status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=HOSTILE, message=HOSTILE, hardware_id=HOSTILE)
     status.values = [KeyValue(key=HOSTILE, value=HOSTILE)]
     message = RangeEstimate(first_station=HOSTILE, second_station=HOSTILE, range=1.0, flags=255)
@@ -266,6 +268,7 @@ def test_hostile_names_are_text(site):
     def publish() -> None:
         diagnostics.publish(DiagnosticArray(status=[status]))
         ranges.publish(message)
+        logs.publish(Log(level=255, name=HOSTILE, msg=HOSTILE))
 
     timer = node.create_timer(0.1, publish)
     try:
@@ -273,6 +276,8 @@ def test_hostile_names_are_text(site):
             cell = page.locator('tbody[data-field=diagnostics] td', has_text='onerror').first
             cell.wait_for()
             assert HOSTILE in cell.text_content()
+            logged = page.locator('tbody[data-field=logs] tr', has_text='onerror').first.locator('td')
+            expect(logged.nth(3)).to_have_text(HOSTILE)
             for view in ('/', '/diagnosis', '/signals', '/over-time?pair=evil/twin', f'/?pair={HOSTILE}'):
                 page.goto(site.url + view)
                 page.wait_for_selector('.content')
@@ -283,6 +288,23 @@ def test_hostile_names_are_text(site):
         node.destroy_timer(timer)
         node.destroy_publisher(diagnostics)
         node.destroy_publisher(ranges)
+        node.destroy_publisher(logs)
+
+
+def test_logs_of_all_nodes_are_shown_from_a_level_on(site):
+    logger = site.monitor.get_logger()
+    with site.page('/stations') as page:
+        lines = page.locator('tbody[data-field=logs] tr')
+        logger.info('a node says this')
+        logger.error('a node fails')
+        lines.filter(has_text='a node says this').wait_for()
+        page.get_by_role('button', name='Errors').click()
+        expect(lines.filter(has_text='a node says this')).to_have_count(0)
+        expect(lines.filter(has_text='a node fails')).to_be_visible()
+        expect(page.get_by_role('button', name='Errors')).to_have_attribute('aria-pressed', 'true')
+        page.get_by_role('button', name='All').click()
+        lines.filter(has_text='a node says this').wait_for()
+        expect(page.locator('html')).to_have_attribute('data-lost', 'false')
 
 
 NEEDED = [

@@ -18,6 +18,7 @@ from drfmcw_msgs.msg import (
     StationStatus,
     SweepConfig,
 )
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -32,7 +33,7 @@ from drfmcw_ros.messages import from_message, stamp_ns
 
 from .files.calibrations import Calibrations
 from .state.decoding import range_reading
-from .state.readings import Diagnostic, Health, Line, SpectrumReading, decimated
+from .state.readings import Diagnostic, Health, Line, LogLine, SpectrumReading, decimated
 from .state.store import Store
 
 _TICK = 1.0 / 30.0  # between two samplings [s]
@@ -40,6 +41,7 @@ _DISCOVERY = 1.0  # between two looks for new stations and pairs [s]
 _PEERS = 16  # latched settings kept per station
 _BINS = 512  # of a spectrum that is shown
 _TEXT = 2000  # letters kept of a text from outside
+_LOGS = 300  # log lines taken at a time
 _RANGES = 'drfmcw_msgs/msg/RangeEstimate'
 _STATION_TYPES = {
     'drfmcw_msgs/msg/StationStatus': 'status',
@@ -123,7 +125,9 @@ class HostNode(Node):
         for topic, (kind, field) in _SITE.items():
             self._listen_to_site(topic, kind, field)
         qos.subscription(self, DiagnosticArray, '/diagnostics', self._take_diagnostics, qos.RELIABLE)
-        self._sample('/reference/range', ReferenceRange, self._take_references, 400)
+        self._sample('/reference/range', ReferenceRange, self._take_references, newest(400))
+        # nodes keep their last lines for 10 s for who comes late
+        self._sample('/rosout', Log, self._take_logs, qos.latched_subscription(_LOGS))
         Diagnostics(self, 'host').add('Pages', self._diagnose)
         self.create_timer(_DISCOVERY, self._discover)
         self.create_timer(_TICK, self._tick)
@@ -148,12 +152,12 @@ class HostNode(Node):
         topic: str,
         kind: type,
         take: Callable[[list[Any], list[int]], None],
-        depth: int,
+        profile: QoSProfile,
         always: bool = False,
         raw: bool = False,
     ) -> None:
-        created = self._sampler.create_subscription(kind, topic, lambda _: None, newest(depth))
-        self._sampled[topic] = _Sampled(created, kind, take, depth, always, raw)
+        created = self._sampler.create_subscription(kind, topic, lambda _: None, profile)
+        self._sampled[topic] = _Sampled(created, kind, take, profile.depth, always, raw)
 
     def _listen_to_site(self, topic: str, kind: type, field: str) -> None:
         def take(message: Any) -> None:
@@ -179,7 +183,9 @@ class HostNode(Node):
         if name in self._pairs or self.store.pair(name) is None:
             return
         self._pairs.add(name)
-        self._sample(f'/{name}/range', RangeEstimate, lambda m, t: self._take_ranges(name, m, t), 400, True, True)
+        self._sample(
+            f'/{name}/range', RangeEstimate, lambda m, t: self._take_ranges(name, m, t), newest(400), True, True
+        )
         self._follow_station(first)
         self._follow_station(second)
 
@@ -206,8 +212,8 @@ class HostNode(Node):
         if self.store.signals_wanted:
             for name in self._stations - self._shown:
                 self._shown.add(name)
-                self._sample(f'/{name}/if_spectrum', IfSpectrum, self._spectrum_taker(name), 4)
-                self._sample(f'/{name}/beat_frequency', BeatFrequency, self._line_taker(name), 8)
+                self._sample(f'/{name}/if_spectrum', IfSpectrum, self._spectrum_taker(name), newest(4))
+                self._sample(f'/{name}/beat_frequency', BeatFrequency, self._line_taker(name), newest(8))
         elif self._shown:
             for topic in [f'/{name}/{last}' for name in self._shown for last in ('if_spectrum', 'beat_frequency')]:
                 self._sampler.destroy_subscription(self._sampled.pop(topic).subscription)
@@ -224,6 +230,9 @@ class HostNode(Node):
     def _take_references(self, messages: list[Any], received: list[int]) -> None:
         for m in messages:
             self.store.add_reference(stamp_ns(m.header.stamp), m.range, m.header.frame_id)
+
+    def _take_logs(self, messages: list[Any], received: list[int]) -> None:
+        self.store.add_logs([LogLine(m.stamp.sec, m.level, m.name[:_TEXT], m.msg[:_TEXT]) for m in messages])
 
     def _peer(self, station: str, message: Any) -> str | None:
         """Return the peer that a message names where it is a station of this graph, which no hostile text is."""

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 
 from drfmcw_host.state.decoding import range_reading
 from drfmcw_host.state.history import WINDOWS, History
-from drfmcw_host.state.readings import RangeReading, decimated
+from drfmcw_host.state.readings import LogLine, RangeReading, decimated
 from drfmcw_host.state.store import STALE_AFTER, Store
 
 SECOND = 1_000_000_000
@@ -119,6 +119,18 @@ def test_error_is_that_against_the_reference_of_the_same_time():
     assert store.pairs['a/b'].error == pytest.approx(-0.003, abs=1e-9)
     curve = store.pairs['a/b'].histories['error'].curve(60, time.time_ns())
     assert curve.high.max() == pytest.approx(0.002, abs=1e-9)
+
+
+def test_errors_are_kept_whatever_else_is_logged():
+    """Lines come newest first; a node that says much displaces no warning and no error."""
+    store = Store()
+    store.add_logs([LogLine(0, 40, 'fusion', 'e'), LogLine(1, 30, 'fusion', 'w'), LogLine(2, 50, 'fusion', 'f')])
+    for i in range(100):
+        store.add_logs([LogLine(i, 20, 'master.station', str(i)), LogLine(i, 0, '', '')] * 10)
+    assert [line.message for line in store.newest_logs(40)] == ['f', 'e']
+    assert [line.message for line in store.newest_logs(30)] == ['f', 'w', 'e']
+    shown = store.newest_logs(0)
+    assert len(shown) == 103 and shown[-3:] == store.newest_logs(30) and shown[1].message == '99'
 
 
 def test_memory_is_bounded_whatever_names_arrive():

@@ -71,6 +71,20 @@ class Diagnostic:
     received: float  # monotonic [s]
 
 
+LOG_LEVELS = (0, 30, 40)
+"""Severities from which on log lines can be shown: all, warnings, errors (rcl_interfaces/Log)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LogLine:
+    """One line of /rosout."""
+
+    stamp: int  # by the node's clock [s]
+    level: int  # 10 debug, 20 info, 30 warning, 40 error, 50 fatal
+    name: str  # of the logger
+    message: str
+
+
 def decimated(magnitude: np.ndarray, bins: int) -> tuple[np.ndarray, int]:
     """Return (at most `bins` maxima of groups of equal size, size of a group): no line is lost between bins.
 

@@ -16,7 +16,7 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
 from .history import History
-from .readings import Diagnostic, Health, Line, RangeReading, SpectrumReading
+from .readings import LOG_LEVELS, Diagnostic, Health, Line, LogLine, RangeReading, SpectrumReading
 
 SERIES = ('range', 'error', 'std', 'rate')
 """Histories of a pair: range [m], error against the reference [m], standard deviation [m], ranges per second."""
@@ -34,6 +34,7 @@ _JUMP = 10_000_000_000  # back in time, of a site that begins again [ns]
 _PENDING = 4000  # ranges that wait for the reference
 _DIAGNOSTIC_HOLD = 30.0  # after which a line of /diagnostics that is not repeated goes [s]
 _DIAGNOSTIC_LINES = 500
+_LOG_LINES = 100  # kept of errors, of warnings and of all others: a node that says much displaces no error
 _LARGEST = 64  # pairs, stations, and peers of one
 
 
@@ -88,6 +89,8 @@ class Store:
         self.site: dict[str, tuple[float, float]] = {}  # topic: (value in SI units, monotonic [s])
         self.diagnostics: dict[tuple[str, str], Diagnostic] = {}
         self.latency = math.nan  # of the newest clock difference: host time minus stamp of the newest range [s]
+        self._logs = {level: collections.deque[tuple[int, LogLine]](maxlen=_LOG_LINES) for level in LOG_LEVELS}
+        self._logged = 0  # lines so far
         self._references: collections.deque[tuple[int, float, str]] = collections.deque(maxlen=_READINGS)
         self._signals_wanted = -math.inf
 
@@ -182,6 +185,19 @@ class Store:
             return name
         names = sorted(self.pairs)
         return next((n for n in names if not self.is_stale(self.pairs[n])), names[0] if names else '')
+
+    def add_logs(self, lines: Sequence[LogLine]) -> None:
+        """Take lines of /rosout in order of arrival."""
+        with self.lock:
+            for line in lines:
+                self._logged += 1
+                self._logs[max((f for f in LOG_LEVELS if f <= line.level), default=0)].append((self._logged, line))
+
+    def newest_logs(self, level: int) -> list[LogLine]:
+        """Return the kept lines of at least this level (one of LOG_LEVELS), the newest first."""
+        with self.lock:
+            kept = [entry for low, lines in self._logs.items() if low >= level for entry in lines]
+        return [line for _, line in sorted(kept, key=lambda entry: -entry[0])]
 
     def add_diagnostic(self, found: Diagnostic) -> None:
         """Take one line of /diagnostics."""

@@ -7,6 +7,7 @@
   let last = performance.now();
   let retrying = 0;
   let layout; // that the server last asked for
+  let socket;
 
   const fields = (key) => document.querySelectorAll(`[data-field="${CSS.escape(key)}"]`);
   const own = (object) => Object.entries(object || {});
@@ -89,7 +90,7 @@
       return;
     }
     const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
-    const socket = new WebSocket(`${scheme}://${location.host}/live?${content.dataset.live}`);
+    socket = new WebSocket(`${scheme}://${location.host}/live?${content.dataset.live}`);
     socket.onmessage = (event) => {
       last = performance.now();
       document.documentElement.dataset.lost = 'false';
@@ -99,6 +100,19 @@
       if (!retrying) retrying = setTimeout(connect, RETRY);
     };
   }
+
+  document.addEventListener('click', (event) => { // another option of the stream
+    const chosen = event.target.closest('[data-option]');
+    if (!chosen) return;
+    const content = document.querySelector('.content[data-live]');
+    const options = new URLSearchParams(content.dataset.live);
+    options.set(chosen.dataset.option, chosen.dataset.value);
+    content.dataset.live = options.toString();
+    for (const button of chosen.parentElement.children) button.ariaPressed = String(button === chosen);
+    if (socket) socket.onclose = null;
+    if (socket) socket.close();
+    if (!retrying) connect();
+  });
 
   setInterval(() => {
     const silent = performance.now() - last;

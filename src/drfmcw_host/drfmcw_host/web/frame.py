@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import html
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -96,7 +96,6 @@ def viewer_of(host: Host, request: Request, view: str) -> Viewer:
     """Return who sent a request, from its cookies and query."""
     cookies, query = request.cookies, request.query_params
     language = cookies.get(LANGUAGE) or preferred(request.headers.get('accept-language', ''))
-    span = query.get('span', '')
     return Viewer(
         host,
         None if host.read_only else host.sessions.of(cookies.get(COOKIE)),
@@ -105,8 +104,13 @@ def viewer_of(host: Host, request: Request, view: str) -> Viewer:
         'dark' if cookies.get(THEME) == 'dark' else 'light',
         view,
         host.store.chosen(query.get('pair', '')),
-        int(span) if span.isdecimal() and int(span) in WINDOWS else WINDOWS[1],
+        span_in(query),
     )
+
+
+def span_in(query: Mapping[str, str]) -> int:
+    """Return the time span that a query names [s], a minute where it names none that can be shown."""
+    return next((window for window in WINDOWS if str(window) == query.get('span')), WINDOWS[1])
 
 
 def preferred(header: str) -> str:
@@ -141,6 +145,14 @@ def link(content: str, target: str, classes: str = '', current: bool = False) ->
         element.props['aria-current'] = 'page'
 
 
+def choice(option: str, value: object, content: str, chosen: bool) -> None:
+    """Add a button that sets an option of the stream, one of several in an element around them."""
+    element = text('button', content, 'choice')
+    element.props['type'] = 'button'
+    element.props['data-option'], element.props['data-value'] = option, str(value)
+    element.props['aria-pressed'] = 'true' if chosen else 'false'
+
+
 def section(title: str, classes: str = '') -> ui.element:
     """Add a section with its heading, to be used as a context."""
     element = ui.element('section').classes(f'card {classes}')
@@ -149,9 +161,12 @@ def section(title: str, classes: str = '') -> ui.element:
     return element
 
 
-def table(key: str, headings: list[str], classes: str = '') -> None:
-    """Add a table whose rows the stream fills under `key`."""
-    with ui.element('div').classes('scroll'), ui.element('table').classes(classes):
+def table(key: str, headings: list[str], classes: str = '', limited: bool = False) -> None:
+    """Add a table whose rows the stream fills under `key`; a `limited` one scrolls within a height of its own."""
+    around = ui.element('div').classes('scroll limited' if limited else 'scroll')
+    if limited:
+        around.props('tabindex=0')  # so that the arrow keys scroll it
+    with around, ui.element('table').classes(classes):
         with ui.element('thead'), ui.element('tr'):
             for heading in headings:
                 text('th', heading)

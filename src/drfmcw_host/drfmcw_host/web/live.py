@@ -10,8 +10,10 @@ import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..state.history import WINDOWS
+from ..state.readings import LOG_LEVELS
 from ..state.store import Store
 from ..words.phrases import LANGUAGES
+from .frame import span_in
 from .views import diagnosis, now, over_time, recordings, signals, stations
 
 INTERVAL = 1.0 / 30.0
@@ -32,15 +34,16 @@ class Options:
     language: str = 'en'
     pair: str = ''  # empty: the first one
     span: int = WINDOWS[1]  # [s]
+    level: int = LOG_LEVELS[0]  # of log lines, from which on they are shown
 
     @classmethod
     def of(cls, query: Any) -> 'Options':
         """Return the options in a query; what is not known gets its default."""
-        span = query.get('span', '')
-        chosen = int(span) if span.isdecimal() and int(span) in WINDOWS else WINDOWS[1]
         language = query.get('language', '')
+        level = next((level for level in LOG_LEVELS if str(level) == query.get('level')), LOG_LEVELS[0])
         pair = query.get('pair', '')[:200]
-        return cls(query.get('view', ''), language if language in LANGUAGES else 'en', pair, chosen)
+        language = language if language in LANGUAGES else 'en'
+        return cls(query.get('view', ''), language, pair, span_in(query), level)
 
 
 UPDATES: dict[str, tuple[Callable[[Store, Any, bool], dict[str, Any]], Callable[[Options], float]]] = {

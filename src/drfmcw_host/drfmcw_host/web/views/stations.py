@@ -11,6 +11,7 @@ from ...words import flags
 from ...words.numbers import NONE, general, number, span
 from ...words.phrases import phrase
 from ..frame import Viewer, field, section, table, text
+from . import logs
 
 _HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link')
 _CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'floor', 'phase')
@@ -33,6 +34,7 @@ def build(viewer: Viewer) -> None:
     with section(say('stations.diagnostics')):
         names = ('level', 'name', 'message', 'hardware')
         table('diagnostics', [say(f'stations.{name}') for name in names], 'diagnostics')
+    logs.build(viewer)
     with section(say('stations.version')):
         text('p', viewer.host.version)
         field('p', 'latency')
@@ -71,7 +73,8 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
         ]
         for d in store.current_diagnostics()
     ]
-    return {'text': texts, 'state': states, 'rows': {'diagnostics': rows}}
+    logged = logs.update(store, options)
+    return {'text': texts | logged['text'], 'state': states, 'rows': {'diagnostics': rows} | logged['rows']}
 
 
 def _latency(value: float, language: str) -> str:
