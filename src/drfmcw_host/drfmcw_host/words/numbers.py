@@ -35,6 +35,21 @@ def general(value: float, digits: int, language: str, scale: float = 1.0, sign: 
     return localised(f'{value * scale:{"+" if sign else ""}.{digits}g}', language)
 
 
+def plus_minus(std: float, scale: float, language: str) -> str:
+    """Return a standard deviation as '± 0.02'; a calibration states 0 for an unknown one: '± ?'."""
+    return f'± {general(std, 2, language, scale) if std > 0.0 else "?"}'
+
+
+def clock(value: float, std: float, language: str) -> str:
+    """Return a frequency over its nominal value and its standard deviation as '+36.974 ± 0.02 ppm'."""
+    return f'{number(value - 1.0, 3, language, 1e6, sign=True)} {plus_minus(std, 1e6, language)} ppm'
+
+
+def deviation(std: float, language: str) -> str:
+    """Return a range's standard deviation [m] as '± 5.09 mm', '± ?' where it is not known."""
+    return f'± {number(std, 2, language, 1e3)} mm' if std > 0.0 else '± ?'
+
+
 def span(seconds: float, language: str) -> str:
     """Return an age as '0.2 s', '42 s', '3:07 min', '2:05 h' or '4 d'."""
     if not math.isfinite(seconds):

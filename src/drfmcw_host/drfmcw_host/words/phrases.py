@@ -174,6 +174,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'stations.adc': ('ADC clock', 'ADC-Takt'),
     'stations.delay': ('Hardware delay', 'Hardwarelaufzeit'),
     'stations.at': ('Measured at', 'Gemessen bei'),
+    'stations.uncertainty': (
+        'Uncertainty of ranges by calibrations',
+        'Unsicherheit der Entfernungen durch Kalibrierungen',
+    ),
     'stations.floor': ('Noise floor', 'Rauschpegel'),
     'stations.phase': ('Phase noise at 100 kHz', 'Phasenrauschen bei 100 kHz'),
     'stations.uncalibrated': ('none', 'keine'),

@@ -18,7 +18,7 @@ from ...configure.calibration import typed_document
 from ...configure.calls import Unreachable
 from ...configure.comparison import Effect, Shown, effects, side_by_side
 from ...files.calibrations import key_of
-from ...words.numbers import NONE, general, number, span
+from ...words.numbers import NONE, clock, deviation, general, number, plus_minus, span
 from ..frame import Viewer, section, text
 
 _CALIBRATION = 'calibration'
@@ -95,7 +95,7 @@ class CalibrationView:
 
     def _in_use(self, document: Document, used: Calibration, age: str) -> None:
         viewer, language = self._viewer, self._viewer.language
-        delay = f'{number(used.delay, 3, language, 1e9)} {_plus_minus(used.delay_std, 1e9, language)} ns'
+        delay = f'{number(used.delay, 3, language, 1e9)} {plus_minus(used.delay_std, 1e9, language)} ns'
         peer = f' ({viewer.say("cal.with", peer=used.delay_peer)})' if used.delay_peer else ''
         warm = used.temperature_high > used.temperature_low
         values = {
@@ -103,8 +103,8 @@ class CalibrationView:
             'age': age,
             'operator': document.operator or NONE,
             'instrument': document.instrument or NONE,
-            'reference': _clock(used.alpha, used.alpha_std, language),
-            'adc': _clock(used.sample_clock_alpha, used.sample_clock_alpha_std, language),
+            'reference': clock(used.alpha, used.alpha_std, language),
+            'adc': clock(used.sample_clock_alpha, used.sample_clock_alpha_std, language),
             'delay': delay + peer,
             'range': f'{_bound(used.temperature_low, language)} … {_bound(used.temperature_high, language)} °C'
             if warm
@@ -121,7 +121,7 @@ class CalibrationView:
                     pair=effect.pair.replace('/', ' → '),
                     distance=general(effect.distance, 6, language),
                 )
-                _pair(title, _millimetres(effect.std_after, language), 'uncertain')
+                _pair(title, deviation(effect.std_after, language), 'uncertain')
         if document.note:
             text('p', document.note, 'quiet')
         if viewer.may_change:
@@ -144,8 +144,8 @@ class CalibrationView:
                         text('td', document.date[:19].replace('T', ' ') or NONE)
                         text('td', document.operator or NONE)
                         text('td', document.note or NONE)
-                        text('td', _clock(c.alpha, c.alpha_std, language))
-                        text('td', _clock(c.sample_clock_alpha, c.sample_clock_alpha_std, language))
+                        text('td', clock(c.alpha, c.alpha_std, language))
+                        text('td', clock(c.sample_clock_alpha, c.sample_clock_alpha_std, language))
                         text('td', f'{number(c.delay, 3, language, 1e9)} ns')
                         with ui.element('td'):
                             if key_of(c) == key_of(used):
@@ -246,8 +246,8 @@ class CalibrationView:
                         text('td', effect.pair.replace('/', ' → '))
                         text('td', f'{general(effect.distance, 6, language)} m')
                         text('td', f'{number(effect.shift, 2, language, 1e3, sign=True)} mm')
-                        text('td', _millimetres(effect.std_before, language))
-                        text('td', _millimetres(effect.std_after, language))
+                        text('td', deviation(effect.std_before, language))
+                        text('td', deviation(effect.std_after, language))
         text('p', say('cal.effect.how'), 'quiet')
 
     # --- storing it ---
@@ -298,21 +298,8 @@ def _pair(title: str, value: str, key: str) -> ui.element:
     return shown
 
 
-def _clock(value: float, std: float, language: str) -> str:
-    return f'{number(value - 1.0, 3, language, 1e6, sign=True)} {_plus_minus(std, 1e6, language)} ppm'
-
-
-def _plus_minus(std: float, scale: float, language: str) -> str:
-    """Return a standard deviation; a calibration states 0 for an unknown one."""
-    return f'± {general(std, 2, language, scale) if std > 0.0 else "?"}'
-
-
 def _bound(value: float, language: str) -> str:
     return general(value, 4, language)
-
-
-def _millimetres(std: float, language: str) -> str:
-    return f'± {number(std, 2, language, 1e3)} mm' if std > 0.0 else '± ?'
 
 
 def _age(document: Document | None, language: str) -> str:

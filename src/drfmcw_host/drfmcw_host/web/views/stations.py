@@ -6,15 +6,18 @@ from typing import Any
 
 from nicegui import ui
 
+from drfmcw_physics.oscillators import Calibration
+
+from ...configure.comparison import effects
 from ...state.store import Station, Store
 from ...words import flags
-from ...words.numbers import NONE, general, number, span
+from ...words.numbers import NONE, clock, deviation, general, number, plus_minus, span
 from ...words.phrases import phrase
 from ..frame import Viewer, field, section, table, text
 from . import logs
 
 _HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link')
-_CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'floor', 'phase')
+_CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'uncertainty', 'floor', 'phase')
 _STALE = 3.0  # of a status, which comes about once a second [s]
 
 
@@ -58,7 +61,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
     states: dict[str, str] = {}
     for name, station in store.stations.items():
         found, state = _health(store, station, language)
-        found |= _calibration(station, language) | {'settings': _settings(station, language)}
+        found |= _calibration(store, station, language) | {'settings': _settings(station, language)}
         texts |= {f'{name}.{key}': value for key, value in found.items()}
         states[f'{name}.card'] = state
         states[f'{name}.pll'] = 'unusable' if station.health and not station.health.pll_locked else 'good'
@@ -98,20 +101,30 @@ def _health(store: Store, station: Station, language: str) -> tuple[dict[str, st
     return found, 'stale' if age > _STALE else 'good' if health.pll_locked else 'unusable'
 
 
-def _calibration(station: Station, language: str) -> dict[str, str]:
+def _calibration(store: Store, station: Station, language: str) -> dict[str, str]:
     used = station.calibration
     if used is None:
         return {'calibrated': phrase('stations.uncalibrated', language)}
     age = time.time() - station.calibration_stamp * 1e-9 if station.calibration_stamp else math.nan
     return {
         'calibrated': span(age, language),
-        'alpha': f'{number(used.alpha - 1.0, 3, language, 1e6, sign=True)} ppm',
-        'adc': f'{number(used.sample_clock_alpha - 1.0, 3, language, 1e6, sign=True)} ppm',
-        'delay': f'{number(used.delay, 3, language, 1e9)} ns',
+        'alpha': clock(used.alpha, used.alpha_std, language),
+        'adc': clock(used.sample_clock_alpha, used.sample_clock_alpha_std, language),
+        'delay': f'{number(used.delay, 3, language, 1e9)} {plus_minus(used.delay_std, 1e9, language)} ns',
         'at': f'{number(used.temperature, 1, language)} °C',
+        'uncertainty': _uncertainty(store, used, language),
         'floor': f'{number(used.noise_floor, 1, language)} dBm/Hz',
         'phase': f'{number(used.phase_noise_level, 1, language)} dBc/Hz',
     }
+
+
+def _uncertainty(store: Store, used: Calibration, language: str) -> str:
+    """Return what the calibrations of each pair leave uncertain in its ranges."""
+    found: dict[str, list[str]] = {}
+    for effect in effects(store, used, used):
+        at = f'{deviation(effect.std_after, language)} ({general(effect.distance, 6, language)} m)'
+        found.setdefault(effect.pair.replace('/', ' → '), []).append(at)
+    return '; '.join(f'{pair}: {", ".join(values)}' for pair, values in found.items()) or NONE
 
 
 def _settings(station: Station, language: str) -> str:
