@@ -197,7 +197,7 @@ class HostNode(Node):
         qos.subscription(
             self, StationCalibration, f'/{name}/calibration', lambda m: self._take_calibration(name, m), _latched()
         )
-        qos.subscription(self, StationStatus, f'/{name}/status', lambda m: self._take_status(name, m), qos.RELIABLE)
+        self._sample(f'/{name}/status', StationStatus, lambda m, t: self._take_status(name, m, t), qos.RELIABLE)
 
     def _tick(self) -> None:
         """Take in the newest of everything, and do what the pages asked for."""
@@ -288,11 +288,10 @@ class HostNode(Node):
             self.store.stations[name].calibration = calibration
             self.store.stations[name].calibration_stamp = calibration.stamp
 
-    def _take_status(self, name: str, m: Any) -> None:
-        with self.store.lock:
-            station = self.store.stations[name]
-            station.health = Health(m.temperature, m.pll_locked, m.sweeps, m.dropped, m.link_quality)
-            station.health_received = self.store.clock()
+    def _take_status(self, name: str, messages: list[Any], received: list[int]) -> None:
+        for m, arrived in zip(messages, received, strict=True):
+            health = Health(m.temperature, m.pll_locked, m.sweeps, m.dropped, m.link_quality)
+            self.store.add_health(name, health, stamp_ns(m.header.stamp), arrived)
 
     def _take_diagnostics(self, array: Any) -> None:
         now = self.store.clock()

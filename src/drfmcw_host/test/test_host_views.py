@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from drfmcw_host.state.readings import Health
 from drfmcw_host.state.store import Store
 from drfmcw_host.web.live import Options
 from drfmcw_host.web.views import stations
@@ -35,3 +36,13 @@ def test_calibration_in_use_is_shown_with_its_uncertainty(store):
     store.stations['master'].calibration = twice
     german = stations.update(store, Options('stations', 'de'), True)['text']
     assert german['master.alpha'] == '+37,000 ± 0,04 ppm' and german['slave.calibrated'] == 'keine'
+
+
+def test_clock_difference_is_that_of_the_shortest_way(store):
+    """A clock 3 ms ahead; the ways take 1 ms to 40 ms. One that is set back shows after ten messages."""
+    for way in (40, 7, 1, 12):
+        store.add_health('master', Health(25.0, True, 10, 0, 1.0), 1_000_000_000, 997_000_000 + way * 1_000_000)
+    assert stations.update(store, Options('stations'), True)['text']['master.clock'] == '-2.0 ms'
+    for _ in range(10):
+        store.add_health('master', Health(25.0, True, 10, 0, 1.0), 1_000_000_000, 9_000_000_000)
+    assert stations.update(store, Options('stations'), True)['text']['master.clock'] == '+8000.0 ms'

@@ -35,6 +35,7 @@ _PENDING = 4000  # ranges that wait for the reference
 _DIAGNOSTIC_HOLD = 30.0  # after which a line of /diagnostics that is not repeated goes [s]
 _DIAGNOSTIC_LINES = 500
 _LOG_LINES = 100  # kept of errors, of warnings and of all others: a node that says much displaces no error
+_CLOCK_STATUSES = 10  # of a station, whose least difference is taken: that of the shortest way
 _LARGEST = 64  # pairs, stations, and peers of one
 
 
@@ -69,12 +70,20 @@ class Station:
 
     health: Health | None = None
     health_received: float = -math.inf  # monotonic [s]
+    differences: collections.deque[float] = dataclasses.field(
+        default_factory=lambda: collections.deque(maxlen=_CLOCK_STATUSES)
+    )  # host's clock at the arrival minus stamp, of each status [s]
     calibration: Calibration | None = None
     calibration_stamp: int = 0  # [ns]
     settings: dict[str, SweepSettings] = dataclasses.field(default_factory=dict)
     lines: dict[str, Line] = dataclasses.field(default_factory=dict)
     spectra: dict[str, SpectrumReading] = dataclasses.field(default_factory=dict)
     spectra_received: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    @property
+    def clock_difference(self) -> float:
+        """Host's clock minus the station's, too large by the shortest way of a status [s]; NaN before the first."""
+        return min(self.differences, default=math.nan)
 
 
 class Store:
@@ -169,6 +178,13 @@ class Store:
             if self._references and stamp < self._references[-1][0] - _JUMP:
                 self._references.clear()  # a simulation began again
             self._references.append((stamp, distance, frame))
+
+    def add_health(self, name: str, health: Health, stamp: int, received: int) -> None:
+        """Take a station's status: when it was sent by the station's clock and came by the host's [ns]."""
+        with self.lock:
+            station = self.stations[name]
+            station.health, station.health_received = health, self.clock()
+            station.differences.append((received - stamp) * 1e-9)
 
     def age(self, pair: Pair) -> float:
         """Return the time since the pair's newest range arrived [s], infinite before the first."""

@@ -163,7 +163,10 @@ PHRASES: dict[str, tuple[str, str]] = {
     'stations.unlocked': ('NOT LOCKED', 'NICHT EINGERASTET'),
     'stations.loss': ('Sweeps without result', 'Sweeps ohne Ergebnis'),
     'stations.link': ('Link quality', 'Verbindungsqualität'),
-    'stations.clock': ('Clock difference to nominal', 'Taktabweichung vom Nennwert'),
+    'stations.clock': (
+        'Host clock minus stamp of its status, least of 10',
+        'Uhr des Leitstands minus Zeitstempel ihres Zustands, kleinste von 10',
+    ),
     'stations.latency': (
         'Host clock minus stamp of the newest range',
         'Uhr des Leitstands minus Zeitstempel der neuesten Entfernung',

@@ -16,7 +16,7 @@ from ...words.phrases import phrase
 from ..frame import Viewer, field, section, table, text
 from . import logs
 
-_HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link')
+_HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link', 'clock')
 _CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'uncertainty', 'floor', 'phase')
 _STALE = 3.0  # of a status, which comes about once a second [s]
 
@@ -65,7 +65,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
         texts |= {f'{name}.{key}': value for key, value in found.items()}
         states[f'{name}.card'] = state
         states[f'{name}.pll'] = 'unusable' if station.health and not station.health.pll_locked else 'good'
-    texts['latency'] = f'{phrase("stations.latency", language)}: {_latency(store.latency, language)}'
+    texts['latency'] = f'{phrase("stations.latency", language)}: {_clocks(store.latency, language)}'
     level = {0: 'good', 1: 'doubtful', 2: 'unusable', 3: 'stale'}
     rows = [
         [
@@ -80,7 +80,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
     return {'text': texts | logged['text'], 'state': states, 'rows': {'diagnostics': rows} | logged['rows']}
 
 
-def _latency(value: float, language: str) -> str:
+def _clocks(value: float, language: str) -> str:
     """Return a clock difference; a simulated site counts its own time, which may be far off."""
     if abs(value) < 10.0:
         return f'{number(value, 1, language, 1e3, sign=True)} ms'
@@ -97,6 +97,7 @@ def _health(store: Store, station: Station, language: str) -> tuple[dict[str, st
         'pll': phrase('stations.locked' if health.pll_locked else 'stations.unlocked', language),
         'loss': f'{number(health.loss, 2, language, 100.0)} % ({health.dropped} / {health.sweeps})',
         'link': f'{number(health.link_quality, 0, language, 100.0)} %',
+        'clock': _clocks(station.clock_difference, language),
     }
     return found, 'stale' if age > _STALE else 'good' if health.pll_locked else 'unusable'
 
