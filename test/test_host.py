@@ -291,6 +291,14 @@ def test_hostile_names_are_text(site):
         node.destroy_publisher(logs)
 
 
+def test_stations_say_what_they_run(site):
+    with site.page('/stations') as page:
+        for station in ('master', 'slave'):
+            expect(page.locator(f'[data-field="{station}.software"]')).to_have_text(
+                re.compile(r'drfmcw \d\S+, the same as on the host')
+            )
+
+
 def test_logs_of_all_nodes_are_shown_from_a_level_on(site):
     logger = site.monitor.get_logger()
     with site.page('/stations') as page:

@@ -18,7 +18,7 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.runner import run
-from drfmcw_ros.versions import versions
+from drfmcw_ros.versions import release, running
 
 from .access.attempts import Attempts
 from .access.audit import Audit
@@ -121,8 +121,7 @@ def set_password(passwords: Passwords, user: str) -> None:
 
 def version() -> str:
     """Return what runs here, for the page."""
-    found = versions(('drfmcw_node', 'drfmcw_fusion', 'drfmcw_host'))
-    found['nicegui'] = metadata.version('nicegui')
+    found = {'drfmcw': release()} | running() | {'nicegui': metadata.version('nicegui')}
     return ' · '.join(f'{name} {value}' for name, value in found.items())
 
 
@@ -261,7 +260,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments.tls_key,
         )
         check(settings, passwords)
-        store = Store()
+        store = Store(software=running())
         calibrations = Calibrations(state / 'calibrations', CalibrationStore(state_directory(os.environ)))
         start = serving(settings, passwords, store, calibrations)
         return run(HostNode, ros, store=store, calibrations=calibrations, on_ready=start)

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from drfmcw_host.state.readings import Health
+from drfmcw_host.state.readings import Diagnostic, Health
 from drfmcw_host.state.store import Store
 from drfmcw_host.web.live import Options
 from drfmcw_host.web.views import stations
@@ -46,3 +46,21 @@ def test_clock_difference_is_that_of_the_shortest_way(store):
     for _ in range(10):
         store.add_health('master', Health(25.0, True, 10, 0, 1.0), 1_000_000_000, 9_000_000_000)
     assert stations.update(store, Options('stations'), True)['text']['master.clock'] == '+8000.0 ms'
+
+
+def test_software_of_a_station_is_compared_with_the_host():
+    store = Store(software={'python': '3.11.7', 'drfmcw_node': 'aa', 'drfmcw_host': 'cc'})
+
+    def said(name, hardware, node_digest):
+        values = (('python', '3.11.7'), ('drfmcw_node', node_digest), ('drfmcw_gateway', 'dd'))
+        store.add_diagnostic(Diagnostic(0, name, 'drfmcw 0.1.0', hardware, values, store.clock()))
+
+    for station in ('master', 'slave', 'tower'):
+        store.station(station)
+    said('/master/station: Software', 'master', 'aa')
+    said('/pair_station: Software', 'slave', 'bb')
+    said('/fusion: Software', 'fusion', 'bb')
+    found = stations.update(store, Options('stations'), True)
+    assert found['text']['master.software'] == 'drfmcw 0.1.0, the same as on the host'
+    assert found['text']['slave.software'] == 'drfmcw 0.1.0, other than on the host: drfmcw_node'
+    assert (found['state']['slave.software'], found['text']['tower.software']) == ('doubtful', '–')

@@ -8,6 +8,7 @@ from rclpy.node import Node
 
 from .qos import RELIABLE, publisher
 from .runner import failures
+from .versions import SOFTWARE, release, running
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
@@ -46,6 +47,7 @@ class Diagnostics:
         self._node = node
         self._hardware_id = hardware_id
         self._tasks: list[tuple[str, Callable[[Status], None]]] = []
+        self._software = self._running()
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', RELIABLE)
         self._reported = 0  # failures of callbacks
         self._timer = node.create_timer(1.0, self._publish)
@@ -80,13 +82,23 @@ class Diagnostics:
             except Exception as error:
                 failures(self._node).add(error)
                 status.report(ERROR, f'cannot be diagnosed: {failures(self._node).last}')
-            message.status.append(
-                DiagnosticStatus(
-                    level=status.level,
-                    name=f'{self._node.get_fully_qualified_name()}: {name}',
-                    message='; '.join(status.messages) or 'OK',
-                    hardware_id=self._hardware_id,
-                    values=[KeyValue(key=k, value=v) for k, v in status.values.items()],
-                )
-            )
+            message.status.append(self._message(name, status))
+        message.status.append(self._software)
         self._publisher.publish(message)
+
+    def _message(self, name: str, status: Status) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=status.level,
+            name=f'{self._node.get_fully_qualified_name()}: {name}',
+            message='; '.join(status.messages) or 'OK',
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=k, value=v) for k, v in status.values.items()],
+        )
+
+    def _running(self) -> DiagnosticStatus:
+        """Return what runs here, which stays as it was at the start."""
+        status = Status()
+        status.report(OK, f'drfmcw {release()}')
+        for name, version in running().items():
+            status.value(name, version)
+        return self._message(SOFTWARE, status)

@@ -223,7 +223,7 @@ def test_two_stations_do_not_hide_each_other_in_the_diagnostics(context):
         def both():
             other.spin_once(0.05)
             names.update(status.name for array in heard for status in array.status)
-            return len(names) == 2
+            return len(names) == 4
 
         until(both)
-        assert names == {'/master/station: Sweeps', '/slave/station: Sweeps'}
+        assert names == {f'/{one}/station: {task}' for one in ('master', 'slave') for task in ('Sweeps', 'Software')}

@@ -6,7 +6,7 @@ import math
 import statistics
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from drfmcw_fusion.offline import Reference
 from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
+from drfmcw_ros.versions import SOFTWARE
 
 from .history import History
 from .readings import LOG_LEVELS, Diagnostic, Health, Line, LogLine, RangeReading, SpectrumReading
@@ -89,9 +90,15 @@ class Station:
 class Store:
     """Everything that the pages show. Methods may be called from any thread."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Start empty; `clock` gives the host's monotonic time [s]."""
+    def __init__(self, clock: Callable[[], float] = time.monotonic, software: Mapping[str, str] | None = None) -> None:
+        """Start empty.
+
+        Args:
+            clock: gives the host's monotonic time [s].
+            software: versions and digests of the host's own packages by name.
+        """
         self.clock = clock
+        self.own_software = dict(software or {})
         self.lock = threading.RLock()
         self.pairs: dict[str, Pair] = {}
         self.stations: dict[str, Station] = {}
@@ -221,6 +228,17 @@ class Store:
             key = (found.hardware, found.name)
             if key in self.diagnostics or len(self.diagnostics) < _DIAGNOSTIC_LINES:
                 self.diagnostics[key] = found
+
+    def software(self, station: str) -> tuple[str, list[str]]:
+        """Return (release that a station's node runs, packages whose code is not the host's); '' where it says none."""
+        with self.lock:
+            named = [d for d in self.diagnostics.values() if d.name.endswith(f': {SOFTWARE}')]
+        own = [d for d in named if d.name == f'/{station}/station: {SOFTWARE}']
+        found = [*own, *(d for d in named if d.hardware == station)]
+        if not found:
+            return '', []
+        differing = [key for key, value in found[0].values if self.own_software.get(key, value) != value]
+        return found[0].message, differing
 
     def current_diagnostics(self) -> list[Diagnostic]:
         """Return the lines of the last 30 s, the worst first."""

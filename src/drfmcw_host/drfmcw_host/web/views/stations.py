@@ -16,7 +16,7 @@ from ...words.phrases import phrase
 from ..frame import Viewer, field, section, table, text
 from . import logs
 
-_HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link', 'clock')
+_HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link', 'clock', 'software')
 _CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'uncertainty', 'floor', 'phase')
 _STALE = 3.0  # of a status, which comes about once a second [s]
 
@@ -64,6 +64,7 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
         found |= _calibration(store, station, language) | {'settings': _settings(station, language)}
         texts |= {f'{name}.{key}': value for key, value in found.items()}
         states[f'{name}.card'] = state
+        texts[f'{name}.software'], states[f'{name}.software'] = _software(store, name, language)
         states[f'{name}.pll'] = 'unusable' if station.health and not station.health.pll_locked else 'good'
     texts['latency'] = f'{phrase("stations.latency", language)}: {_clocks(store.latency, language)}'
     level = {0: 'good', 1: 'doubtful', 2: 'unusable', 3: 'stale'}
@@ -100,6 +101,17 @@ def _health(store: Store, station: Station, language: str) -> tuple[dict[str, st
         'clock': _clocks(station.clock_difference, language),
     }
     return found, 'stale' if age > _STALE else 'good' if health.pll_locked else 'unusable'
+
+
+def _software(store: Store, name: str, language: str) -> tuple[str, str]:
+    """Return what a station's node runs, and whether it is what the host runs as far as both have the same packages."""
+    release, differing = store.software(name)
+    if not release:
+        return NONE, 'good'
+    if not differing:
+        return f'{release}, {phrase("stations.software.same", language)}', 'good'
+    differs = phrase('stations.software.differs', language).format(names=', '.join(differing))
+    return f'{release}, {differs}', 'doubtful'
 
 
 def _calibration(store: Store, station: Station, language: str) -> dict[str, str]:
