@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shutil
 import signal
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from drfmcw_host.files.recordings import Recordings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.store import CalibrationStore
+from drfmcw_ros.cli import write_atomically
 from drfmcw_sim.scenario import read_scenario
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
@@ -313,6 +315,46 @@ def test_logs_of_all_nodes_are_shown_from_a_level_on(site):
         page.get_by_role('button', name='All').click()
         lines.filter(has_text='a node says this').wait_for()
         expect(page.locator('html')).to_have_attribute('data-lost', 'false')
+
+
+def keep_finding(directory, name, pair):
+    """Keep a finding as the watch does."""
+    effect = {'effect': 'sweep_ripple', 'station': 'master', 'parameters': {}}
+    content = {'verdict': 'explained', 'significance': 1e-9, 'effects': [effect], 'window': {'pair': pair}}
+    (directory / name).mkdir(parents=True)
+    write_atomically(directory / name / 'report.html', f'<h1>{name}</h1><script>window.hacked = 1</script>')
+    write_atomically(directory / name / 'finding.json', json.dumps(content))
+
+
+def test_findings_appear_by_themselves_beside_what_is_open(site):
+    node, findings = site.monitor, site.state / 'findings'
+    diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
+    status = DiagnosticStatus(level=DiagnosticStatus.WARN, name='/master/slave/watch: Model master/slave')
+    status.message = 'left out of the model: sweep ripple at master'
+    timer = node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=[status])))
+    try:
+        with site.page('/diagnosis') as page:
+            row = page.locator('tbody[data-field=watch] tr', has_text='sweep ripple')
+            expect(row.locator('td').first).to_have_text('Warning')
+            page.locator('svg.strip rect[data-state=doubtful]').wait_for(state='attached')
+            entries = page.locator('.finding')
+            expect(entries).to_have_count(0)
+            keep_finding(findings, '20260101T000000Z-master-slave', 'master/slave')
+            expect(entries).to_have_count(1)
+            expect(entries).to_contain_text('master → slave')
+            page.locator('svg.strip .mark').wait_for(state='attached')
+            page.get_by_role('button', name='Open report').click()
+            heading = page.frame_locator('iframe.report').locator('h1')
+            expect(heading).to_have_text('20260101T000000Z-master-slave')
+            keep_finding(findings, '20260102T000000Z-master-slave', 'master/slave')
+            expect(entries).to_have_count(2)
+            expect(entries.last.locator('iframe.report')).to_be_visible()
+            shutil.rmtree(findings / '20260102T000000Z-master-slave')
+            expect(entries).to_have_count(1)
+            expect(heading).to_be_visible()
+    finally:
+        node.destroy_timer(timer)
+        node.destroy_publisher(diagnostics)
 
 
 NEEDED = [

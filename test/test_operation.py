@@ -136,4 +136,4 @@ def test_units_are_what_systemd_takes(tmp_path):
     done = subprocess.run(
         ['systemd-analyze', 'verify', '--man=no', *names], capture_output=True, text=True, timeout=60, check=False
     )
-    assert len(names) == 5 and not [line for line in done.stderr.splitlines() if 'drfmcw' in line], done.stderr
+    assert len(names) == 6 and not [line for line in done.stderr.splitlines() if 'drfmcw' in line], done.stderr

@@ -20,7 +20,7 @@ from drfmcw_ros.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 from drfmcw_sim.timeline import Timeline
 
-from .graph import HOST, Graph, private_environment
+from .graph import HOST, WATCH, Graph, private_environment
 from .monitor import monitored
 from .run import joining, pair_names, start_graph, watch
 
@@ -100,7 +100,7 @@ def drive(scenario_path: Path, scenario: Scenario, output: Output, console: Cons
 
 
 def stay(scenario_path: Path, scenario: Scenario, output: Output, port: int, console: Console) -> int:
-    """Run the graph again, in real time and over and over, with the host's page beside it, until Ctrl-C.
+    """Run the graph again, in real time and over and over, with live diagnosis and the host's page, until Ctrl-C.
 
     Raises:
         ConfigurationError: the page could not be served.
@@ -108,8 +108,11 @@ def stay(scenario_path: Path, scenario: Scenario, output: Output, port: int, con
     pairs = pair_names(scenario)
     environment = private_environment()
     with Graph(environment, output.logs) as graph, monitored(pairs, int(environment['ROS_DOMAIN_ID'])) as monitor:
-        state = str(output.directory / 'host')
-        host = graph.start('host', HOST, '--port', str(port), '--state', state)
+        state, findings = str(output.directory / 'host'), str(output.directory / 'findings')
+        host = graph.start('host', HOST, '--port', str(port), '--state', state, '--findings', findings)
+        for pair in pairs:
+            watched = ('--pair', pair, '--findings', findings, '--ros-args', '-r', f'__ns:=/{pair}')
+            graph.start(f'watch {pair.replace("/", " ")}', WATCH, *watched, keep_alive=True, optional=True)
         start_graph(graph, scenario_path, scenario, {'at_end': 'loop'}, monitor, None, True)
         end = time.monotonic() + _START_LIMIT
         while not graph.last_words(host).startswith('host: '):
@@ -128,7 +131,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--scenario', default='crane', help='scenario: YAML file or name in config/ (crane)')
     parser.add_argument('--out', type=Path, default=Path('drfmcw-demo'), help='directory of the output (drfmcw-demo)')
     parser.add_argument(
-        '--stay', action='store_true', help="then keep the graph running in real time and serve the host's page"
+        '--stay',
+        action='store_true',
+        help="then keep the graph running in real time, diagnose it live and serve the host's page",
     )
     parser.add_argument('--port', type=int, default=8400, metavar='N', help='of the page (8400); 0: a free one')
     arguments = parser.parse_args(argv)

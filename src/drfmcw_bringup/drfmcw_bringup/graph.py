@@ -22,7 +22,7 @@ SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drf
 PAIR_STATION, RECORDER, REPLAY = 'drfmcw_node.pair_station', 'drfmcw_ros.bag.record', 'drfmcw_fusion.replay'
 GATEWAY, FOLLOWER = 'drfmcw_gateway.gateway', 'drfmcw_gateway.follow_range'
 FRAMES = 'drfmcw_fusion.crane.frames'
-HOST = 'drfmcw_host.host'
+HOST, WATCH = 'drfmcw_host.host', 'drfmcw_diagnosis.live.node'
 """Modules that run as processes."""
 
 _STOP_LIMIT = 20.0  # for a clean end after SIGINT; a recorder may have much to write [s]

@@ -3,6 +3,7 @@
 A ConfigurationError ends a launch with its text and status 1, the only one that `ros2 launch` has for a failure.
 """
 
+import os
 import signal
 import typing
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,7 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.sources.sockets import SocketSettings
 from drfmcw_node.station_settings import StationSettings
 from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters, read_yaml
+from drfmcw_ros.calibration.store import state_directory
 from drfmcw_ros.config_files import find_config
 
 from .graph import WRONG_CONFIGURATION
@@ -53,6 +55,11 @@ def pairs_in(path: str) -> list[str]:
         if pairs:
             return pairs
     return []
+
+
+def findings_directory(given: str) -> str:
+    """Return where live diagnosis and host keep findings: as given, else where the host has them by default."""
+    return given or str(state_directory(os.environ) / 'findings')
 
 
 def has_node(path: str, name: str) -> bool:

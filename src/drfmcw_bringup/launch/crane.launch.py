@@ -32,6 +32,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'host', default_value='false', choices=['true', 'false'], description="true: serve the host's page"
             ),
+            DeclareLaunchArgument(
+                'watch', default_value='false', choices=['true', 'false'], description='true: diagnose each pair live'
+            ),
+            DeclareLaunchArgument(
+                'findings', default_value='', description='directory of its findings, which the page shows'
+            ),
             OpaqueFunction(function=nodes),
         ]
     )
@@ -59,8 +65,16 @@ def nodes(context):
         started.append(
             Node(package='drfmcw_node', executable='station', namespace=station, parameters=own, **restarted)
         )
+    findings = launching.findings_directory(LaunchConfiguration('findings').perform(context))
     if LaunchConfiguration('host').perform(context) == 'true':
-        started.append(Node(package='drfmcw_host', executable='host', **restarted))
+        arguments = ['--findings', findings]
+        started.append(Node(package='drfmcw_host', executable='host', arguments=arguments, **restarted))
+    if LaunchConfiguration('watch').perform(context) == 'true':
+        for pair in pairs:
+            own = [{'pair': pair, 'findings': findings}, *files]
+            started.append(
+                Node(package='drfmcw_diagnosis', executable='watch', namespace=pair, parameters=own, **restarted)
+            )
     if simulated:
         started.append(
             Node(

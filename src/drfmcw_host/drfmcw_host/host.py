@@ -27,6 +27,7 @@ from .access.sessions import Sessions
 from .configure.calibration import RemoteCalibrations
 from .configure.remote import RemoteParameters
 from .files.calibrations import Calibrations
+from .files.findings import Findings
 from .files.recordings import Recordings
 from .files.work import Work
 from .node import HostNode
@@ -166,7 +167,7 @@ def serving(
             RemoteParameters(node),
             calibrations,
             RemoteCalibrations(node),
-            settings.findings,
+            Findings(settings.findings),
             settings.state,
             settings.read_only,
             settings.secure,

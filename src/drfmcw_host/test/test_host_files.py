@@ -10,9 +10,10 @@ import yaml
 
 from drfmcw_host.configure.parameter_file import content, save
 from drfmcw_host.configure.values import Described, shown, split_unit, typed
-from drfmcw_host.files.findings import Effect, read_findings, report_path
+from drfmcw_host.files.findings import Effect, Findings
 from drfmcw_host.files.recordings import Recordings
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.cli import write_atomically
 
 ESCAPES = ['..', '.', '', '../other', '/etc', 'a/b', 'a\\b', 'a\0b', '.hidden', 'x' * 101, 'ä', 'a\n', '~']
 
@@ -84,18 +85,27 @@ def test_findings_are_read_and_damaged_ones_left_out(tmp_path):
     for name, text in (('20260103T000000', '{'), ('20260104T000000', '[]'), ('20260105T000000', '{"effects": 1}')):
         (tmp_path / name).mkdir()
         (tmp_path / name / 'finding.json').write_text(text)
-    found = read_findings(tmp_path)
+    kept = Findings(tmp_path)
+    found = kept.list()
     assert [f.verdict for f in found] == ['ambiguous', 'explained']
     assert found[0].next_measurement == 'drive' and found[1].effects == (
         Effect('sweep_ripple', 'master', (('deviation', 1200.0, 40.0, 'Hz'),)),
     )
-    assert read_findings(tmp_path / 'nothing') == []
+    assert Findings(tmp_path / 'nothing').list() == []
+    (tmp_path / '20260106T000000-a-b').mkdir()
+    assert kept.list() == found  # it is being written
+    written = json.dumps(finding('partial', window={'pair': 'a/b'}))
+    write_atomically(tmp_path / '20260106T000000-a-b' / 'finding.json', written)
+    newest, *others = kept.list()
+    assert (newest.verdict, newest.pair, newest.report) == ('partial', 'a/b', False) and others == found
+    write_atomically(tmp_path / '20260106T000000-a-b' / 'report.html', 'x')
+    assert kept.list()[0].report and kept.report('20260106T000000-a-b').read_text() == 'x'
 
 
 @pytest.mark.parametrize('name', ESCAPES)
 def test_reports_lead_nowhere_else(tmp_path, name):
     with pytest.raises(ConfigurationError):
-        report_path(tmp_path, name)
+        Findings(tmp_path).report(name)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from rclpy.serialization import serialize_message
 
 from drfmcw_host.state.decoding import range_reading
 from drfmcw_host.state.history import WINDOWS, History
-from drfmcw_host.state.readings import LogLine, RangeReading, decimated
+from drfmcw_host.state.readings import Diagnostic, LogLine, RangeReading, decimated
 from drfmcw_host.state.store import STALE_AFTER, Store
+from drfmcw_host.state.verdicts import Span, Verdicts
 
 SECOND = 1_000_000_000
 
@@ -133,12 +134,25 @@ def test_errors_are_kept_whatever_else_is_logged():
     assert len(shown) == 103 and shown[-3:] == store.newest_logs(30) and shown[1].message == '99'
 
 
+def test_verdicts_over_time_are_spans_that_silence_interrupts():
+    kept = Verdicts()
+    for when, level in ((0, 3), (1, 0), (2, 0), (3, 1), (4, 1), (30, 1), (31, 1)):
+        kept.add(level, float(when))
+    assert kept.since(-1.0) == [Span(0, 1, 3), Span(1, 3, 0), Span(3, 4, 1), Span(30, 31, 1)]
+    assert kept.since(3.5) == [Span(3, 4, 1), Span(30, 31, 1)] and not kept.since(31.0)
+    kept.add(1, 10.0)  # the clock was set back
+    for i in range(10_000):
+        kept.add(i % 2, 40.0 + i)
+    assert len(kept.since(0.0)) <= 2000 and kept.since(0.0)[-1].end == 40.0 + 9999
+
+
 def test_memory_is_bounded_whatever_names_arrive():
     store = Store()
     for i in range(1000):
+        store.add_diagnostic(Diagnostic(0, f'/watch: Model a/{i}', '', '', (), 0.0))
         store.add_ranges(f'a/{i}', [reading()], [time.time_ns()])
         store.station(str(i))
-    assert len(store.pairs) == len(store.stations) == 64
+    assert len(store.pairs) == len(store.stations) == len(store.verdicts) == 64
 
 
 @given(

@@ -1,13 +1,15 @@
 """What the stream sends to each view, without a browser."""
 
 import dataclasses
+from xml.etree import ElementTree
 
 import pytest
 
 from drfmcw_host.state.readings import Diagnostic, Health
 from drfmcw_host.state.store import Store
+from drfmcw_host.state.verdicts import Span
 from drfmcw_host.web.live import Options
-from drfmcw_host.web.views import stations
+from drfmcw_host.web.views import diagnosis, stations, strip
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
 
@@ -64,3 +66,25 @@ def test_software_of_a_station_is_compared_with_the_host():
     assert found['text']['master.software'] == 'drfmcw 0.1.0, the same as on the host'
     assert found['text']['slave.software'] == 'drfmcw 0.1.0, other than on the host: drfmcw_node'
     assert (found['state']['slave.software'], found['text']['tower.software']) == ('doubtful', '–')
+
+
+def test_live_diagnosis_is_shown_whichever_namespace_its_node_has():
+    store = Store()
+    for name in ('/watch: Model master/slave', '/a/b/watch: Model a/b', '/fusion: Range a/b'):
+        store.add_diagnostic(
+            Diagnostic(1, name, 'left out of the model', 'x', (('verdict', 'explained'),), store.clock())
+        )
+    rows = diagnosis.update(store, Options('diagnosis'), True)['rows']['watch']
+    assert sorted(row[1] for row in rows) == ['a → b', 'master → slave']
+    assert rows[0][2] == 'left out of the model; verdict: explained'
+
+
+def test_strip_shows_levels_by_height_where_they_were():
+    """From 100 s to 200 s, 1000 units wide; what reaches beyond is cut off, labels are text."""
+    spans = [Span(50.0, 120.0, 0), Span(120.0, 120.0, 1), Span(150.0, 250.0, 9)]
+    shown = ElementTree.fromstring(strip.picture(spans, [99.0, 150.0], 100.0, 200.0, '<b>"&'))
+    bars = [(b.get('data-state'), float(b.get('x')), float(b.get('width'))) for b in shown.findall('rect')]
+    assert bars == [('good', 0.0, 200.0), ('doubtful', 200.0, 1.0), ('stale', 500.0, 500.0)]
+    heights = [float(b.get('height')) for b in shown.findall('rect')]
+    assert len(set(heights)) == 3 and shown.get('aria-label') == '<b>"&'
+    assert [mark.get('d') for mark in shown.findall('path')] == ['M496.0 0h8l-4 10z']

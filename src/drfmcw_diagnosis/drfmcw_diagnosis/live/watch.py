@@ -112,13 +112,15 @@ def judge(order: Order) -> Iterator[Judgement]:
         checked = Judgement('', len(data), start, end, chance, misfit, failed, driving, search)
         yield checked
         if search:
-            out = order.findings / utc(end).replace(':', '').replace('-', '') if order.findings else None
+            pair = order.snapshot.pair
+            name = '-'.join((utc(end).replace(':', '').replace('-', ''), *pair))  # others may keep theirs there, too
+            out = order.findings / name if order.findings else None
             found = diagnose_dataset(data, order.false_alarm_rate, out, command='./drfmcw watch')
             written = ''
             if out is not None and is_expected(found, order.expected, driving):
                 shutil.rmtree(out, ignore_errors=True)  # its refined model
             elif out is not None and found.verdict != 'consistent':
-                _write(found, checked, out)
+                _write(found, checked, out, '/'.join(pair))
                 written = str(out)
             yield dataclasses.replace(checked, searching=False, diagnosis=found, written=written)
     except (ConfigurationError, OSError) as error:
@@ -145,7 +147,7 @@ def _leaves_something(diagnosis: Diagnosis) -> bool:
     return diagnosis.verdict == 'partial' or ambiguous
 
 
-def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> None:
+def _write(diagnosis: Diagnosis, checked: Judgement, out: Path, pair: str) -> None:
     """Write a finding and its report into a directory, where its refined model may stand already.
 
     Raises:
@@ -156,7 +158,7 @@ def _write(diagnosis: Diagnosis, checked: Judgement, out: Path) -> None:
     )
 
     out.mkdir(parents=True, exist_ok=True)
-    window = {'sweeps': checked.sweeps, 'from': utc(checked.start), 'to': utc(checked.end)}
+    window = {'pair': pair, 'sweeps': checked.sweeps, 'from': utc(checked.start), 'to': utc(checked.end)}
     write_atomically(out / 'finding.json', json.dumps(diagnosis.as_object() | {'window': window}, indent=2) + '\n')
     refined = Path(diagnosis.refined_config).read_text(encoding='utf-8') if diagnosis.refined_config else ''
     write_atomically(out / 'report.html', render_html(diagnosis, refined))

@@ -11,6 +11,7 @@ from .recordings import checked_name
 
 REPORT = 'report.html'
 _SHOWN = 100  # newest findings
+_LONGEST = 200  # letters of a pair's name
 _LARGEST = 5_000_000  # bytes of a finding.json that is read
 
 
@@ -33,16 +34,45 @@ class Finding:
     significance: float
     effects: tuple[Effect, ...]
     next_measurement: str
+    pair: str  # 'first/second', '' where it is not stated
     report: bool
 
 
-def read_findings(directory: Path) -> list[Finding]:
-    """Return the newest findings in a directory, the newest first; damaged ones are left out."""
-    if not directory.is_dir():
-        return []
-    folders = sorted((p for p in directory.iterdir() if (p / 'finding.json').is_file()), reverse=True)
-    found = (_read(folder) for folder in folders[:_SHOWN])
-    return [finding for finding in found if finding is not None]
+class Findings:
+    """The directory in which the live diagnosis keeps findings; a finding is read again where its file has changed."""
+
+    def __init__(self, directory: Path) -> None:
+        """Use a directory, which need not exist."""
+        self.directory = directory
+        self._known: dict[str, tuple[int, Finding | None]] = {}
+
+    def list(self) -> list[Finding]:
+        """Return the newest findings, the newest first; damaged ones are left out."""
+        try:
+            folders = sorted((p for p in self.directory.iterdir() if p.is_dir()), reverse=True)[:_SHOWN]
+        except OSError:  # nothing was found so far
+            folders = []
+        self._known = {folder.name: self._looked_at(folder) for folder in folders}
+        return [finding for _, finding in self._known.values() if finding is not None]
+
+    def _looked_at(self, folder: Path) -> tuple[int, Finding | None]:
+        try:
+            changed = folder.stat().st_mtime_ns  # of its list of files: the watch writes each as a whole
+        except OSError:
+            return 0, None
+        known = self._known.get(folder.name)
+        return known if known is not None and known[0] == changed else (changed, _read(folder))
+
+    def report(self, name: str) -> Path:
+        """Return the report of a finding.
+
+        Raises:
+            ConfigurationError: there is none of that name.
+        """
+        path = self.directory / checked_name(name) / REPORT
+        if path.is_symlink() or not path.is_file():
+            raise ConfigurationError(f"no report '{name}'")
+        return path
 
 
 def _read(folder: Path) -> Finding | None:
@@ -63,6 +93,7 @@ def _read(folder: Path) -> Finding | None:
             float(content['significance']),
             effects,
             text,
+            str(content.get('window', {}).get('pair', ''))[:_LONGEST],
             (folder / REPORT).is_file(),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, ConfigurationError):
@@ -76,15 +107,3 @@ def _effect(effect: dict[str, Any]) -> Effect:
         if isinstance(p['value'], int | float)
     )
     return Effect(str(effect['effect']), str(effect.get('station') or ''), tuple(parameters))
-
-
-def report_path(directory: Path, name: str) -> Path:
-    """Return the report of a finding.
-
-    Raises:
-        ConfigurationError: there is none of that name.
-    """
-    path = directory / checked_name(name) / REPORT
-    if path.is_symlink() or not path.is_file():
-        raise ConfigurationError(f"no report '{name}'")
-    return path

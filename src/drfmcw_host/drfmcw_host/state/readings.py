@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 
+_WATCH = 'Model '  # task of a watch node, before the name of its pair
+
 
 @dataclasses.dataclass(frozen=True)
 class RangeReading:
@@ -69,6 +71,12 @@ class Diagnostic:
     hardware: str
     values: tuple[tuple[str, str], ...]
     received: float  # monotonic [s]
+
+    @property
+    def watched(self) -> str:
+        """The pair 'first/second' that this line of the live diagnosis is about, '' for another node's."""
+        task = self.name.partition(': ')[2]
+        return task.removeprefix(_WATCH) if task.startswith(_WATCH) else ''
 
 
 LOG_LEVELS = (0, 30, 40)

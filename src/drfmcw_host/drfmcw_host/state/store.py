@@ -18,6 +18,7 @@ from drfmcw_ros.versions import SOFTWARE
 
 from .history import History
 from .readings import LOG_LEVELS, Diagnostic, Health, Line, LogLine, RangeReading, SpectrumReading
+from .verdicts import Verdicts
 
 SERIES = ('range', 'error', 'std', 'rate')
 """Histories of a pair: range [m], error against the reference [m], standard deviation [m], ranges per second."""
@@ -104,6 +105,7 @@ class Store:
         self.stations: dict[str, Station] = {}
         self.site: dict[str, tuple[float, float]] = {}  # topic: (value in SI units, monotonic [s])
         self.diagnostics: dict[tuple[str, str], Diagnostic] = {}
+        self.verdicts: dict[str, Verdicts] = {}  # of the live diagnosis, by pair
         self.latency = math.nan  # of the newest clock difference: host time minus stamp of the newest range [s]
         self._logs = {level: collections.deque[tuple[int, LogLine]](maxlen=_LOG_LINES) for level in LOG_LEVELS}
         self._logged = 0  # lines so far
@@ -228,6 +230,9 @@ class Store:
             key = (found.hardware, found.name)
             if key in self.diagnostics or len(self.diagnostics) < _DIAGNOSTIC_LINES:
                 self.diagnostics[key] = found
+            pair = found.watched
+            if pair and (pair in self.verdicts or len(self.verdicts) < _LARGEST):
+                self.verdicts.setdefault(pair, Verdicts()).add(found.level, time.time())
 
     def software(self, station: str) -> tuple[str, list[str]]:
         """Return (release that a station's node runs, packages whose code is not the host's); '' where it says none."""

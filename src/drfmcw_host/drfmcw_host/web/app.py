@@ -14,7 +14,6 @@ from starlette.staticfiles import StaticFiles
 from drfmcw_physics.settings import ConfigurationError
 
 from ..access.guard import REPORT_POLICY, Application, Guard
-from ..files.findings import report_path
 from ..files.work import PLOT, REPORT
 from ..state.store import Store
 from .frame import STATIC, VIEWS, Host, frame, path_of, viewer_of
@@ -115,7 +114,7 @@ def _files(host: Host) -> fastapi.APIRouter:
     @router.get('/findings/{name}/report.html')
     def finding(name: str) -> Response:
         try:
-            return FileResponse(report_path(host.findings, name), media_type='text/html', headers=framed)
+            return FileResponse(host.findings.report(name), media_type='text/html', headers=framed)
         except ConfigurationError as error:
             return _refused(error)
 

@@ -18,6 +18,7 @@ from ..access.sessions import Session, Sessions
 from ..configure.calibration import RemoteCalibrations
 from ..configure.remote import RemoteParameters
 from ..files.calibrations import Calibrations
+from ..files.findings import Findings
 from ..files.recordings import Recordings
 from ..files.work import Work
 from ..state.history import WINDOWS
@@ -48,7 +49,7 @@ class Host:
     remote: RemoteParameters
     calibrations: Calibrations
     stations: RemoteCalibrations
-    findings: Path
+    findings: Findings
     state: Path
     read_only: bool
     secure: bool
@@ -135,6 +136,13 @@ def text(tag: str, content: str, classes: str = '') -> ui.element:
     element = ui.element(tag).classes(classes)
     element.props['textContent'] = content
     return element
+
+
+def set_text(element: ui.element, content: str) -> None:
+    """Give an element another text; where it is the same, nothing is sent."""
+    if element.props.get('textContent') != content:
+        element.props['textContent'] = content
+        element.update()
 
 
 def link(content: str, target: str, classes: str = '', current: bool = False) -> None:

@@ -220,6 +220,8 @@ PHRASES: dict[str, tuple[str, str]] = {
         'No live diagnosis runs. Start it with: ./drfmcw watch --pair FIRST/SECOND --findings DIR',
         'Es läuft keine Diagnose. Start: ./drfmcw watch --pair ERSTE/ZWEITE --findings ORDNER',
     ),
+    'diagnosis.time': ('What it said over time', 'Was sie im Lauf der Zeit meldete'),
+    'diagnosis.finding': ('Finding', 'Befund'),
     'diagnosis.findings': ('Findings', 'Befunde'),
     'diagnosis.no-findings': ('No finding is kept in {directory}.', 'In {directory} liegt kein Befund.'),
     'diagnosis.open': ('Open report', 'Bericht öffnen'),

@@ -19,7 +19,7 @@ from ...configure.calls import Unreachable
 from ...configure.comparison import Effect, Shown, effects, side_by_side
 from ...files.calibrations import key_of
 from ...words.numbers import NONE, clock, deviation, general, number, plus_minus, span
-from ..frame import Viewer, section, text
+from ..frame import Viewer, section, set_text, text
 
 _CALIBRATION = 'calibration'
 """Action in the audit log."""
@@ -77,9 +77,8 @@ class CalibrationView:
             known = self._viewer.host.calibrations.known(used) if used is not None else None
             age = _age(known, self._viewer.language)
             shown = (used and key_of(used), [key_of(d.calibration()) for d in history])
-            if name in self._ages and self._ages[name].props['textContent'] != age:
-                self._ages[name].props['textContent'] = age
-                self._ages[name].update()
+            if name in self._ages:
+                set_text(self._ages[name], age)
             if self._shown.get(name) == shown:
                 continue
             self._shown[name] = shown

@@ -13,7 +13,7 @@ from ...files.recordings import Recording
 from ...files.work import PLOT, REPORT, Job
 from ...state.store import Store
 from ...words.numbers import size, span
-from ..frame import Viewer, section, text
+from ..frame import Viewer, section, set_text, text
 from .diagnosis import show_in_place
 
 _REFRESH = 1.0  # of the list [s]
@@ -52,9 +52,9 @@ class RecordingsView:
         status = say('rec.idle')
         if running is not None:
             status = say('rec.running', name=running.name, size=size(host.recordings.size(running.name), language))
-        _set(self._status, status)
+        set_text(self._status, status)
         free, total = host.recordings.disk()
-        _set(self._disk, say('rec.disk', free=size(free, language), total=size(total, language)))
+        set_text(self._disk, say('rec.disk', free=size(free, language), total=size(total, language)))
         recordings = [r for r in host.recordings.list() if running is None or r.name != running.name]
         jobs = [(job, job.running, job.reason) for job in reversed(host.work.jobs)]
         if (recordings, jobs) != self._shown:
@@ -167,12 +167,6 @@ class RecordingsView:
                     say('rec.cancelled'),
                     on_click=lambda: self._do('cancel', job.name, lambda: self._viewer.host.work.cancel(job)),
                 ).props('no-caps dense flat')
-
-
-def _set(element: ui.element, content: str) -> None:
-    if element.props.get('textContent') != content:
-        element.props['textContent'] = content
-        element.update()
 
 
 def _result(recording: Recording, file: str) -> str:

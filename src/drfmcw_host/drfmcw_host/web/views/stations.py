@@ -17,7 +17,8 @@ from ..frame import Viewer, field, section, table, text
 from . import logs
 
 _HEALTH = ('seen', 'temperature', 'pll', 'loss', 'link', 'clock', 'software')
-_CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'uncertainty', 'floor', 'phase')
+_CALIBRATION = ('calibrated', 'alpha', 'adc', 'delay', 'at', 'floor', 'phase', 'uncertainty')
+_LONG = ('software', 'uncertainty')  # texts rather than numbers
 _STALE = 3.0  # of a status, which comes about once a second [s]
 
 
@@ -47,7 +48,7 @@ def _values(viewer: Viewer, name: str, title: str, keys: tuple[str, ...]) -> Non
     text('h3', title)
     with ui.element('dl').classes('values small'):
         for key in keys:
-            with ui.element('div'):
+            with ui.element('div').classes('wide' if key in _LONG else ''):
                 text('dt', viewer.say(f'stations.{key}'))
                 field('dd', f'{name}.{key}', '', NONE)
 
