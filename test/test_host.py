@@ -1,5 +1,6 @@
 """The host's page in a real Chromium, beside a real graph: what it shows is true, and who may not change does not."""
 
+import contextlib
 import dataclasses
 import json
 import re
@@ -96,22 +97,70 @@ def test_page_shows_the_values_of_the_topic(site):
         assert state in ('good' if not message.flags else 'doubtful', 'stale')
 
 
+@contextlib.contextmanager
+def silenced(site, name='simulator'):
+    """Stop a process for a while."""
+    process = site.graph.members[name].process
+    process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGCONT)
+
+
 def test_page_says_when_nothing_arrives_and_recovers(site):
     """The age counts although no message comes; afterwards the page is current again."""
-    simulator = site.graph.members['simulator'].process
     with site.page() as page:
         fresh(page)
-        simulator.send_signal(signal.SIGSTOP)
-        try:
+        with silenced(site):
             chip = page.locator('[data-field="hero.fresh"]')
-            expect(page.locator('[data-field="hero"]')).to_have_attribute('data-state', 'stale')
-            expect(chip).to_contain_text('STALE')
+            expect(chip).to_have_text(re.compile('STALE: no range for [1-9]'))  # what was on its way has arrived
             before = chip.text_content()
             expect(chip).not_to_have_text(before)
+            expect(page.locator('[data-field="hero"]')).to_have_attribute('data-state', 'stale')
             assert page.locator('.hero .big').evaluate('e => Number(getComputedStyle(e.parentElement).opacity)') < 0.5
-        finally:
-            simulator.send_signal(signal.SIGCONT)
         fresh(page)
+
+
+CLOCKED = """() => new Promise((grey) => {
+  const hero = document.querySelector('[data-field=hero]'), range = document.querySelector('[data-field="hero.range"]');
+  let newest = performance.now();
+  new MutationObserver(() => { newest = performance.now(); }).observe(range, {attributeFilter: ['data-sweep']});
+  const look = () => {
+    const stale = hero.dataset.state === 'stale' || document.documentElement.dataset.lost === 'true';
+    if (stale) grey(performance.now() - newest); else setTimeout(look, 5);
+  };
+  look();
+})"""
+
+
+@pytest.mark.parametrize('silent', ['simulator', 'host'])
+def test_page_is_grey_within_half_a_second(site, silent):
+    """By the page's own clock, from the last range that it showed; a busy machine may delay some of the tries."""
+    took = []
+    with site.page() as page:
+        while not took or (min(took) > 500.0 and len(took) < 5):
+            fresh(page)
+            page.evaluate(f'window.grey = ({CLOCKED})(); 0')
+            with silenced(site, silent):
+                took.append(page.evaluate('window.grey'))
+                expect(page.locator('[data-field="hero"]')).to_have_attribute('data-state', 'stale')
+    assert min(took) <= 500.0, took
+
+
+def test_signals_become_stale_too(site):
+    """What is shown stays, greyed, and says since when."""
+    with site.page('/signals') as page:
+        for station in ('master', 'slave'):
+            expect(page.locator(f'[data-field="{station}.spectrum"]')).to_have_text('current')
+        with silenced(site):
+            expect(page.locator('[data-field="master.spectrum"]')).to_have_text(re.compile('STALE: nothing for [1-9]'))
+            expect(page.locator('[data-field="spectra"]')).to_have_attribute('data-state', 'stale')
+            row = page.locator('tbody[data-field=budget] tr', has_text='slave').locator('td')
+            expect(row.last).to_have_text(re.compile('STALE: nothing for [1-9]'))
+            expect(row.nth(1)).to_have_attribute('data-state', 'stale')
+            assert 'dBm' in row.nth(1).text_content()
+        expect(page.locator('[data-field="master.spectrum"]')).to_have_text('current')
 
 
 def parameter_row(page: Page, name: str):

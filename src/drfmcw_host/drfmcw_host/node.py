@@ -33,7 +33,7 @@ from drfmcw_ros.messages import from_message, stamp_ns
 
 from .files.calibrations import Calibrations
 from .state.decoding import range_reading
-from .state.readings import Diagnostic, Health, Line, LogLine, SpectrumReading, decimated
+from .state.readings import Diagnostic, Health, Line, LogLine, SiteReading, SpectrumReading, decimated
 from .state.store import Store
 
 _TICK = 1.0 / 30.0  # between two samplings [s]
@@ -161,7 +161,8 @@ class HostNode(Node):
 
     def _listen_to_site(self, topic: str, kind: type, field: str) -> None:
         def take(message: Any) -> None:
-            self.store.site[topic] = (float(getattr(message, field)), self.store.clock())
+            value, stamp = float(getattr(message, field)), stamp_ns(message.header.stamp)
+            self.store.site[topic] = SiteReading(value, stamp, self.store.clock())
 
         qos.subscription(self, kind, topic, take, qos.WEATHER)
 
@@ -217,6 +218,9 @@ class HostNode(Node):
         elif self._shown:
             for topic in [f'/{name}/{last}' for name in self._shown for last in ('if_spectrum', 'beat_frequency')]:
                 self._sampler.destroy_subscription(self._sampled.pop(topic).subscription)
+            with self.store.lock:
+                for name in self._shown:
+                    self.store.stations[name].forget_signals()
             self._shown.clear()
 
     def _take_ranges(self, name: str, messages: list[bytes], received: list[int]) -> None:
@@ -240,11 +244,13 @@ class HostNode(Node):
 
     def _line_taker(self, name: str) -> Callable[[list[Any], list[int]], None]:
         def take(messages: list[Any], received: list[int]) -> None:
+            now = self.store.clock()
             with self.store.lock:
-                lines = self.store.stations[name].lines
-                for m in messages:
-                    if (peer := self._peer(name, m)) is not None:
-                        lines[peer] = Line(m.sweep_id, m.flags, m.frequency, m.frequency_std, m.power, m.snr)
+                station = self.store.stations[name]
+                for peer, m in {self._peer(name, m): m for m in messages}.items():  # the newest of each peer
+                    if peer is not None:
+                        line = Line(m.sweep_id, m.flags, m.frequency, m.frequency_std, m.power, m.snr)
+                        station.add_line(peer, line, now)
 
         return take
 
@@ -258,8 +264,8 @@ class HostNode(Node):
                         continue
                     shown, group = decimated(np.asarray(m.magnitude, dtype=float), _BINS)
                     start = m.start_frequency + (group - 1) / 2 * m.frequency_step
-                    station.spectra[peer] = SpectrumReading(m.sweep_id, start, group * m.frequency_step, shown)
-                    station.spectra_received[peer] = now
+                    spectrum = SpectrumReading(m.sweep_id, start, group * m.frequency_step, shown)
+                    station.add_spectrum(peer, spectrum, now)
 
         return take
 

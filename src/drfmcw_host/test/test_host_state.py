@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 
 from drfmcw_host.state.decoding import range_reading
+from drfmcw_host.state.freshness import STALE_AFTER, Arrivals
 from drfmcw_host.state.history import WINDOWS, History
-from drfmcw_host.state.readings import Diagnostic, LogLine, RangeReading, decimated
-from drfmcw_host.state.store import STALE_AFTER, Store
+from drfmcw_host.state.readings import Diagnostic, LogLine, RangeReading, SiteReading, decimated
+from drfmcw_host.state.store import Store
 from drfmcw_host.state.verdicts import Span, Verdicts
 
 SECOND = 1_000_000_000
@@ -99,6 +100,30 @@ def test_range_becomes_stale_by_the_clock_alone():
     assert store.is_stale(pair)
     store.add_ranges('a/b', [reading(2)], [time.time_ns()])
     assert not store.is_stale(pair)
+
+
+def test_a_slow_site_is_stale_later_and_one_interruption_makes_none_slow():
+    slow, interrupted = Arrivals(), Arrivals()
+    for i in range(4):
+        slow.add(10.0 + i)
+    assert slow.limit == 1.5 and not slow.is_stale(14.4) and slow.is_stale(14.6)
+    for when in (10.0, 70.0, 70.05, 70.1, 70.15):
+        interrupted.add(when)
+        assert interrupted.limit == STALE_AFTER
+    assert Arrivals().is_stale(0.0) and Arrivals().age(0.0) == math.inf
+
+
+def test_weather_is_as_old_as_its_stamp_says():
+    """A late joiner gets readings from before; a site may count its own time; a stamp may be missing."""
+    now = [100.0]
+    store = Store(clock=lambda: now[0])
+    store.site['/site/temperature'] = SiteReading(15.0, 3 * SECOND, 100.0)
+    store.site['/site/pressure'] = SiteReading(101_325.0, 0, 100.0)
+    assert math.isnan(store.weather_age('/site/humidity')) and store.weather_age('/site/temperature') == 0.0
+    store.add_ranges('a/b', [reading(stamp=1000 * SECOND)], [time.time_ns()])
+    now[0] += 2.0
+    assert store.weather_age('/site/temperature') == pytest.approx(999.0, abs=0.5)
+    assert store.weather_age('/site/pressure') == pytest.approx(2.0)
 
 
 def test_pair_without_a_range_is_stale():

@@ -1,15 +1,18 @@
 """What the stream sends to each view, without a browser."""
 
 import dataclasses
+import time
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
-from drfmcw_host.state.readings import Diagnostic, Health
+from drfmcw_host.state.readings import Diagnostic, Health, Line, RangeReading, SiteReading, SpectrumReading
 from drfmcw_host.state.store import Store
 from drfmcw_host.state.verdicts import Span
 from drfmcw_host.web.live import Options
-from drfmcw_host.web.views import diagnosis, stations, strip
+from drfmcw_host.web.views import diagnosis, signals, stations, strip
+from drfmcw_host.web.views import now as now_view
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
 
@@ -88,3 +91,69 @@ def test_strip_shows_levels_by_height_where_they_were():
     heights = [float(b.get('height')) for b in shown.findall('rect')]
     assert len(set(heights)) == 3 and shown.get('aria-label') == '<b>"&'
     assert [mark.get('d') for mark in shown.findall('path')] == ['M496.0 0h8l-4 10z']
+
+
+@pytest.fixture
+def live(store):
+    """The same pair with ranges, lines and spectra ten times a second, and a clock to be set."""
+    now = [100.0]
+    store.clock = lambda: now[0]
+    for i in range(5):
+        now[0] = 100.0 + 0.1 * i
+        store.add_ranges('master/slave', [RangeReading(i, i, 0, 0, 0, 100.0, 1e-3, 0.0, 1e-2)], [time.time_ns()])
+        for own, peer in (('master', 'slave'), ('slave', 'master')):
+            store.stations[own].add_line(peer, Line(i, 0, 6e5, 2.0, -60.0, 40.0), now[0])
+            store.stations[own].add_spectrum(peer, SpectrumReading(i, 0.0, 1e3, np.full(512, -90.0)), now[0])
+    return store, now
+
+
+def test_signals_that_nothing_renews_are_stale(live):
+    """Each station by its own; what was last heard stays, faded, and the waterfall stands."""
+    store, now = live
+    fresh = signals.update(store, Options('signals'), True)
+    assert fresh['state']['spectra'] == 'good' and set(fresh['waterfall']) == {'master.waterfall', 'slave.waterfall'}
+    assert fresh['rows']['budget'][0][1] == '-60.0 dBm'
+    now[0] += 0.2
+    store.stations['slave'].add_line('master', Line(9, 0, 6e5, 2.0, -60.0, 40.0), now[0])
+    store.stations['slave'].add_spectrum('master', SpectrumReading(9, 0.0, 1e3, np.full(512, -90.0)), now[0])
+    now[0] += 0.1
+    found = signals.update(store, Options('signals'), True)
+    assert found['state']['master.spectrum'] == 'stale' and found['state']['slave.spectrum'] == 'good'
+    assert found['text']['master.spectrum'] == 'STALE: nothing for 0.3 s' and list(found['waterfall']) == [
+        'slave.waterfall'
+    ]
+    first, second = found['rows']['budget']
+    assert first[1] == {'text': '-60.0 dBm', 'state': 'stale'} and second[1] == '-60.0 dBm'
+    faded = [
+        s['lineStyle']['opacity'] + s['markLine']['lineStyle']['opacity'] for s in found['chart']['spectra']['series']
+    ]
+    assert faded == [0.6, 2.0]
+    now[0] += 0.2
+    assert signals.update(store, Options('signals'), False)['state']['spectra'] == 'stale'
+    store.stations['master'].forget_signals()
+    assert signals.update(store, Options('signals'), True)['rows']['budget'][0][1] == '–'
+
+
+def test_a_browser_gets_along_when_a_range_becomes_stale(live):
+    """So that it is grey in time although the host falls silent."""
+    store, now = live
+    now[0] += 0.1
+    (expiry,) = now_view.update(store, Options('now'), True)['expire']
+    assert expiry['after'] == pytest.approx(0.15, abs=0.03) and expiry['text']['hero.fresh'].startswith(
+        'STALE: no range for 0.'
+    )
+    assert set(expiry['state'].values()) == {'stale'} and 'master/slave.card' in expiry['state']
+    now[0] += 0.2
+    stale = now_view.update(store, Options('now'), True)
+    assert (
+        stale['expire'] == [] and stale['state'].keys() >= expiry['state'].keys() and stale['state']['hero'] == 'stale'
+    )
+
+
+def test_weather_says_how_old_it_is(live):
+    store, now = live
+    store.site['/site/temperature'] = SiteReading(15.0, 0, now[0])
+    now[0] += 187.5
+    assert now_view.weather(store, 'de') == ('Wetter: 15,0 °C (vor 3:07 min) · – · –', 'good')
+    now[0] += 800.0
+    assert now_view.weather(store, 'en') == ('Weather, STALE: 15.0 °C (16:27 min ago) · – · –', 'stale')

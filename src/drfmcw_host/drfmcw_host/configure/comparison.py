@@ -105,7 +105,7 @@ def effects(store: Store, before: Calibration, after: Calibration) -> list[Effec
     """
     found = []
     with store.lock:
-        air = {topic: store.site[topic][0] if topic in store.site else value for topic, value in _WEATHER.items()}
+        air = {topic: store.site[topic].value if topic in store.site else value for topic, value in _WEATHER.items()}
         weather = Weather(*air.values())
         for name in sorted(store.pairs):
             first, second = name.split('/')

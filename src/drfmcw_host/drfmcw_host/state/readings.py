@@ -46,6 +46,15 @@ class SpectrumReading:
 
 
 @dataclasses.dataclass(frozen=True)
+class SiteReading:
+    """One reading of the weather."""
+
+    value: float  # in the message's unit
+    stamp: int  # [ns]
+    received: float  # monotonic [s]
+
+
+@dataclasses.dataclass(frozen=True)
 class Health:
     """One station's housekeeping; the fields of StationStatus."""
 

@@ -3,7 +3,6 @@
 import collections
 import dataclasses
 import math
-import statistics
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -16,17 +15,13 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.versions import SOFTWARE
 
+from .freshness import Arrivals
 from .history import History
-from .readings import LOG_LEVELS, Diagnostic, Health, Line, LogLine, RangeReading, SpectrumReading
+from .readings import LOG_LEVELS, Diagnostic, Health, Line, LogLine, RangeReading, SiteReading, SpectrumReading
 from .verdicts import Verdicts
 
 SERIES = ('range', 'error', 'std', 'rate')
 """Histories of a pair: range [m], error against the reference [m], standard deviation [m], ranges per second."""
-
-STALE_AFTER = 0.25
-"""Age from which a range is shown as stale [s]; with sampling and sending it is grey within 0.5 s."""
-
-_SLOW = 1.5  # times the usual interval between ranges: the same for a site that measures more slowly
 
 _KEEP_EVERY = 0.25  # between two additions to the histories, which cost the same for one value as for many [s]
 _RATE_TIME = 1.0  # over which the rate is counted [s]
@@ -46,8 +41,7 @@ class Pair:
     """What is known about one pair of stations."""
 
     newest: RangeReading | None = None
-    received: float = -math.inf  # monotonic [s]
-    gaps: collections.deque[float] = dataclasses.field(default_factory=lambda: collections.deque(maxlen=9))  # [s]
+    seen: Arrivals = dataclasses.field(default_factory=Arrivals)
     count: int = 0
     error: float = math.nan  # newest error against the reference [m]
     histories: dict[str, History] = dataclasses.field(default_factory=lambda: {name: History() for name in SERIES})
@@ -79,13 +73,29 @@ class Station:
     calibration_stamp: int = 0  # [ns]
     settings: dict[str, SweepSettings] = dataclasses.field(default_factory=dict)
     lines: dict[str, Line] = dataclasses.field(default_factory=dict)
+    lines_seen: dict[str, Arrivals] = dataclasses.field(default_factory=dict)
     spectra: dict[str, SpectrumReading] = dataclasses.field(default_factory=dict)
-    spectra_received: dict[str, float] = dataclasses.field(default_factory=dict)
+    spectra_seen: dict[str, Arrivals] = dataclasses.field(default_factory=dict)
 
     @property
     def clock_difference(self) -> float:
         """Host's clock minus the station's, too large by the shortest way of a status [s]; NaN before the first."""
         return min(self.differences, default=math.nan)
+
+    def add_line(self, peer: str, line: Line, now: float) -> None:
+        """Take a beat frequency that arrived at `now` (monotonic [s])."""
+        self.lines[peer] = line
+        self.lines_seen.setdefault(peer, Arrivals()).add(now)
+
+    def add_spectrum(self, peer: str, spectrum: SpectrumReading, now: float) -> None:
+        """Take a spectrum that arrived at `now` (monotonic [s])."""
+        self.spectra[peer] = spectrum
+        self.spectra_seen.setdefault(peer, Arrivals()).add(now)
+
+    def forget_signals(self) -> None:
+        """Drop lines and spectra: nobody listens to them any more."""
+        for kept in (self.lines, self.lines_seen, self.spectra, self.spectra_seen):
+            kept.clear()
 
 
 class Store:
@@ -103,7 +113,7 @@ class Store:
         self.lock = threading.RLock()
         self.pairs: dict[str, Pair] = {}
         self.stations: dict[str, Station] = {}
-        self.site: dict[str, tuple[float, float]] = {}  # topic: (value in SI units, monotonic [s])
+        self.site: dict[str, SiteReading] = {}  # by topic
         self.diagnostics: dict[tuple[str, str], Diagnostic] = {}
         self.verdicts: dict[str, Verdicts] = {}  # of the live diagnosis, by pair
         self.latency = math.nan  # of the newest clock difference: host time minus stamp of the newest range [s]
@@ -142,9 +152,8 @@ class Store:
                 return
             if readings:
                 arrived = now - max(0.0, (time.time_ns() - received[-1]) * 1e-9)
-                if math.isfinite(pair.received):
-                    pair.gaps.append(arrived - pair.received)
-                pair.newest, pair.received = readings[-1], arrived
+                pair.seen.add(arrived)
+                pair.newest = readings[-1]
                 pair.count += len(readings)
                 pair.arrivals.append((now, len(readings)))
                 pair.new.extend((t, r.range, r.range_std) for t, r in zip(received, readings, strict=True))
@@ -197,12 +206,25 @@ class Store:
 
     def age(self, pair: Pair) -> float:
         """Return the time since the pair's newest range arrived [s], infinite before the first."""
-        return self.clock() - pair.received
+        return pair.seen.age(self.clock())
 
     def is_stale(self, pair: Pair) -> bool:
         """Return whether the pair's newest range is no longer current: older than 0.25 s and than is usual here."""
-        usual = statistics.median(pair.gaps) if pair.gaps else 0.0
-        return self.age(pair) > max(STALE_AFTER, _SLOW * usual)
+        return pair.seen.is_stale(self.clock())
+
+    def weather_age(self, topic: str) -> float:
+        """Return how long ago a reading was taken [s]: by its stamp and the newest range's where both state a time.
+
+        The middleware hands out old readings as well; NaN where there is none.
+        """
+        reading = self.site.get(topic)
+        if reading is None:
+            return math.nan
+        age = self.clock() - reading.received
+        newest = min(self.pairs.values(), key=self.age, default=None)
+        if newest is not None and newest.newest is not None and reading.stamp:
+            age = max(age, (newest.newest.stamp - reading.stamp) * 1e-9 + self.age(newest))
+        return age
 
     def chosen(self, name: str) -> str:
         """Return the pair to show: of that name, else the first that is current, else the first; '' for none."""

@@ -2,12 +2,14 @@
 (() => {
   'use strict';
   const SILENT = 450; // after which the page is grey [ms]
+  const LOOK = 50; // between two looks whether it is [ms]
   const RETRY = 500; // between two attempts to connect [ms]
   const RELOAD = 2000; // between two reloads [ms]
   let last = performance.now();
   let retrying = 0;
   let layout; // that the server last asked for
   let socket;
+  let expiring = []; // timers
 
   const fields = (key) => document.querySelectorAll(`[data-field="${CSS.escape(key)}"]`);
   const own = (object) => Object.entries(object || {});
@@ -66,6 +68,12 @@
         return;
       }
     }
+    for (const timer of expiring) clearTimeout(timer);
+    expiring = (message.expire || []).map((then) => setTimeout(() => show(then), 1000 * then.after));
+    show(message);
+  }
+
+  function show(message) {
     for (const [key, text] of own(message.text)) {
       for (const element of fields(key)) if (element.textContent !== text) element.textContent = text;
     }
@@ -121,7 +129,7 @@
     const language = document.querySelector('.page').lang;
     const seconds = new Intl.NumberFormat(language, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
     for (const element of fields('lost')) element.textContent = `${seconds.format(silent / 1000)} s`;
-  }, 100);
+  }, LOOK);
 
   window.addEventListener('pagehide', () => { clearTimeout(retrying); retrying = -1; });
   connect();

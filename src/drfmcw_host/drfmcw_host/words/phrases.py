@@ -64,6 +64,8 @@ PHRASES: dict[str, tuple[str, str]] = {
     'now.quality.unusable': ('Do not use', 'Nicht verwenden'),
     'now.no-doubt': ('No doubt about this range.', 'Kein Zweifel an dieser Entfernung.'),
     'now.weather': ('Weather', 'Wetter'),
+    'now.weather.stale': ('Weather, STALE', 'Wetter, VERALTET'),
+    'now.ago': ('{value} ({age} ago)', '{value} (vor {age})'),
     'now.failed': ('Failed tests: {tests}', 'Nicht bestandene Prüfungen: {tests}'),
     'mode.SHORT_DISTANCE': ('short distance', 'kurze Entfernung'),
     'mode.LONG_DISTANCE': ('long distance', 'große Entfernung'),
@@ -151,6 +153,8 @@ PHRASES: dict[str, tuple[str, str]] = {
     'signals.snr': ('SNR', 'SNR'),
     'signals.beat': ('Beat frequency', 'Schwebungsfrequenz'),
     'signals.flags': ('Doubts', 'Zweifel'),
+    'signals.age': ('Age', 'Alter'),
+    'signals.stale': ('STALE: nothing for {age}', 'VERALTET: seit {age} nichts'),
     'signals.none': (
         'No spectra: the station nodes publish them with parameter spectrum = true.',
         'Keine Spektren: die Stationsknoten veröffentlichen sie mit Parameter spectrum = true.',

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
+from drfmcw_fusion.settings import FusionSettings
+
 from ...state.store import Pair, Store
 from ...words import flags
 from ...words.numbers import NONE, distance, general, number, span
@@ -15,6 +17,14 @@ from ..frame import Viewer, field, link, text
 from . import crane
 
 _VALUES = ('std', 'velocity', 'protection', 'mode', 'rate', 'error')
+_WEATHER = (
+    ('/site/temperature', 1.0, 1, '°C'),
+    ('/site/pressure', 0.01, 1, 'hPa'),
+    ('/site/humidity', 100.0, 0, '%'),
+)
+"""Topic, factor, decimals and unit of what is shown."""
+
+_HERO = ('hero', 'hero.fresh', 'hero.quality', 'rail')  # elements that have the state of the pair that is shown large
 _RAIL_TIME = 600  # of ranges that the rail has to show [s]
 
 
@@ -76,22 +86,44 @@ def update(store: Store, options: Any, whole: bool) -> dict[str, Any]:
         texts |= {f'{name}.{key}': values[key] for key in ('range', 'fresh')}
         texts[f'{name}.line'] = f'± {values["std"]} · {values["velocity"]} · {values["rate"]}'
         texts[f'{name}.words'] = f'{values["quality"]}: {values["words"]}'
-        states[f'{name}.card'] = states[f'{name}.fresh'] = values['state']
+        states |= dict.fromkeys(_grey(name), values['state'])
     if not names:
         return {}
-    pair = store.pairs[store.chosen(options.pair)]
+    chosen = store.chosen(options.pair)
+    pair = store.pairs[chosen]
     values = described(store, pair, options.language)
     state = values.pop('state')
     texts |= {f'hero.{key}': content for key, content in values.items()}
-    states |= {'hero': state, 'hero.fresh': state, 'hero.quality': state, 'rail': state}
+    texts['weather'], states['weather'] = weather(store, options.language)
+    states |= dict.fromkeys(_HERO, state)
     attributes, marks = _rail(pair, options.language)
     number_of_sweep = str(pair.newest.sweep_id) if pair.newest else ''
     attributes['hero.range'] = {'data-sweep': number_of_sweep}
+    expiring = [_expiry(store, name, name == chosen, options.language) for name in names]
     return {
-        'text': texts | marks | {'weather': weather(store, options.language)},
+        'text': texts | marks,
         'state': states,
         'attributes': attributes,
+        'expire': [expiry for expiry in expiring if expiry is not None],
     }
+
+
+def _grey(name: str) -> tuple[str, ...]:
+    """Return the elements of a pair's card that have its state."""
+    return f'{name}.card', f'{name}.fresh'
+
+
+def _expiry(store: Store, name: str, chosen: bool, language: str) -> dict[str, Any] | None:
+    """Return when a pair's range becomes stale [s], and what a browser then shows that has heard nothing since."""
+    pair = store.pairs[name]
+    if pair.newest is None or store.is_stale(pair):
+        return None
+    says = phrase('now.stale', language).format(age=span(pair.seen.limit, language))
+    texts, states = {f'{name}.fresh': says}, dict.fromkeys(_grey(name), 'stale')
+    if chosen:
+        texts['hero.fresh'] = says
+        states |= dict.fromkeys(_HERO, 'stale')
+    return {'after': pair.seen.limit - store.age(pair), 'text': texts, 'state': states}
 
 
 def described(store: Store, pair: Pair, language: str) -> dict[str, str]:
@@ -149,14 +181,18 @@ def _rail(pair: Pair, language: str) -> tuple[dict[str, dict[str, str]], dict[st
     return moved, texts
 
 
-def weather(store: Store, language: str) -> str:
-    """Return temperature, pressure and humidity in one line."""
-    values = []
-    for topic, scale, digits, unit in (
-        ('/site/temperature', 1.0, 1, '°C'),
-        ('/site/pressure', 0.01, 1, 'hPa'),
-        ('/site/humidity', 100.0, 0, '%'),
-    ):
+def weather(store: Store, language: str) -> tuple[str, str]:
+    """Return temperature, pressure and humidity with their ages in one line, and 'stale' or 'good'."""
+    values, ages = [], []
+    for topic, scale, digits, unit in _WEATHER:
         reading = store.site.get(topic)
-        values.append(f'{number(reading[0], digits, language, scale)} {unit}' if reading else NONE)
-    return f'{phrase("now.weather", language)}: {" · ".join(values)}'
+        if reading is None:
+            values.append(NONE)
+            continue
+        ages.append(store.weather_age(topic))
+        value = f'{number(reading.value, digits, language, scale)} {unit}'
+        age = span(ages[-1], language) if ages[-1] >= 10.0 else f'{max(ages[-1], 0.0):.0f} s'
+        values.append(phrase('now.ago', language).format(value=value, age=age))
+    stale = max(ages, default=0.0) > FusionSettings().environment_time_limit
+    title = phrase('now.weather.stale' if stale else 'now.weather', language)
+    return f'{title}: {" · ".join(values)}', 'stale' if stale else 'good'
