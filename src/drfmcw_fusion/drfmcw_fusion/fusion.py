@@ -161,7 +161,11 @@ class FusionNode(ManagedNode):
             self._first.readings(kind, topic, functools.partial(self._weather, topic))
 
     def activate(self) -> None:
-        """Begin to give signs of life: from the executor that makes the ranges, so that they end when it hangs."""
+        """Ask for the rates of the pairs, and give signs of life.
+
+        These come from the executor that makes the ranges, so that they end when it hangs.
+        """
+        self._change_pairs(self._pair_settings.value)
         publishers = [p for state in self._pairs.values() for p in (state.range_publisher, state.sensor_publisher)]
         self._life = qos.live(self, publishers)
 
@@ -191,10 +195,6 @@ class FusionNode(ManagedNode):
                 self._mode_publishers[station, peer] = qos.publisher(
                     self, SweepConfig, f'/{station}/sweep_request', qos.LATCHED, instance=peer
                 )
-
-    def activate(self) -> None:
-        """Ask for the rates of the pairs."""
-        self._change_pairs(self._pair_settings.value)
 
     def _change_pairs(self, settings: PairSettings) -> None:
         if self.active:
