@@ -30,14 +30,19 @@ def unequal(tmp_path):
     return path
 
 
-def test_info_shows_who_took_turns_how(unequal, tmp_path, capsys):
+@pytest.fixture
+def recording(unequal, tmp_path):
+    """A short recording of that scenario."""
     mapping = yaml.safe_load(unequal.read_text())
     mapping['pairs'][1]['standing']['sweeps'] = 20
     for pair in (0, 2):
         mapping['pairs'][pair]['drive']['waypoints'] = [90, 91]
     unequal.write_text(yaml.safe_dump(mapping))
-    recording = tmp_path / 'recording'
-    write_recording(read_scenario(unequal), recording)
+    write_recording(read_scenario(unequal), tmp_path / 'recording')
+    return tmp_path / 'recording'
+
+
+def test_info_shows_who_took_turns_how(recording, capsys):
     first, second, third = describe(str(recording))['schedule']
     assert [(t['asked'], t['granted'], t['priority'], t['since']) for t in (first, second, third)] == [
         (None, 10.0, 1, None),
@@ -54,15 +59,14 @@ def test_info_shows_who_took_turns_how(unequal, tmp_path, capsys):
     assert 'granted' in said and 'longest' in said and 'note: turns since' not in said
 
 
-def test_info_of_a_recording_from_before_rates_were_stated(unequal, tmp_path):
+def test_info_of_a_recording_from_before_rates_were_stated(recording, tmp_path):
     """It lacks the topic: what arrived is counted all the same, and nothing is made up."""
-    new, old = tmp_path / 'new', tmp_path / 'old'
-    write_recording(read_scenario(unequal), new)
-    with BagReader(str(new)) as bag, BagWriter(str(old)) as writer:
+    old = tmp_path / 'old'
+    with BagReader(str(recording)) as bag, BagWriter(str(old)) as writer:
         for topic, time, kind, raw in bag.raw_messages():
             if not topic.endswith('/sweep_schedule'):
                 writer.write(topic, kind, time, raw)
-    for entry, known in zip(describe(str(old))['schedule'], describe(str(new))['schedule'], strict=True):
+    for entry, known in zip(describe(str(old))['schedule'], describe(str(recording))['schedule'], strict=True):
         assert entry == {**known, 'granted': None, 'priority': None}
     assert main([str(old)]) == 0
 
