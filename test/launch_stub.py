@@ -88,6 +88,7 @@ class Node:
     executable: str
     namespace: Any = ''
     parameters: Sequence[Any] = ()
+    arguments: Sequence[str] = ()
     respawn: bool = False
     respawn_delay: float | None = None
     on_exit: Callable[[Any, Context], Any] | None = None

@@ -32,7 +32,7 @@ from .judging.verdict import Judgement, judged
 from .learn.learning import Learnt
 from .next.ranking import ranked
 from .recording.dataset import Dataset, read_dataset
-from .recording.thinning import representative
+from .recording.thinning import representative, shortened
 from .scene.judge import examine
 from .scene.ramps.ramp import Ramp
 from .search.bank import recipes
@@ -120,6 +120,7 @@ def diagnose_dataset(
         scene = examine(data, false_alarm_rate, out, command, without, shared)
         if scene is not None:
             return scene
+        data = shortened(data)
     rows = representative(data.group)
     comparison = Comparison(data, rows)
     search = Search(comparison, progress, without, jobs)
@@ -202,6 +203,7 @@ def compared(data: Dataset) -> Comparison:
     Raises:
         ConfigurationError: the data lack what is needed.
     """
+    data = shortened(data)
     return Comparison(data, representative(data.group))
 
 

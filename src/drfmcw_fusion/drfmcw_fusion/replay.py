@@ -140,8 +140,9 @@ def _offline(arguments: argparse.Namespace) -> int:
     name = Path(arguments.recording).name
     console.print(report.table(rows, name))
     console.print(report.summary(rows), highlight=False)
-    if doubt := report.mismatch(replay.results):
-        console.print(doubt, highlight=False)
+    for sentence in (report.left_out(replay.results), report.mismatch(replay.results)):
+        if sentence:
+            console.print(sentence, highlight=False)
     if arguments.json:
         report.write_json(rows, arguments.json)
     if arguments.csv:
@@ -151,6 +152,8 @@ def _offline(arguments: argparse.Namespace) -> int:
     if arguments.plot:
         report.write_plot(replay.results, replay.reference, rows, name, arguments.plot)
         console.print(f'plot: {arguments.plot}', highlight=False)
+    if not any(row.n for row in rows):
+        raise ConfigurationError(f'{arguments.recording}: none of {replay.sweeps} sweeps gave a range that counts')
     return compare_with_recorded(arguments.recording, replay.results, console) if arguments.verify else 0
 
 

@@ -11,8 +11,7 @@ from drfmcw_node.estimators.estimation import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
-from ..features.extractor import Extractor, SweepFeatures, as_complex, mean_power
-from ..features.limits import SPECTRUM
+from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths, mean_power
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
 from ..recording.grouping import noise_by_bends
@@ -178,7 +177,7 @@ class RecordedSweeps:
         self.parts = [self._part(setting) for setting in settings]
         covered = {part.extract.covered for part in self.parts}
         if len(covered) > 1:  # windows of several lengths: blocks of one length, and as many of each
-            size = min(SPECTRUM.blocks, key=lambda n: (sum(c % n for c in covered), -n))
+            size = min(block_lengths(max(covered)), key=lambda n: (sum(c % n for c in covered), -n))
             blocks, most = range(size, size + 1), min(covered) // size
             self.parts = [self._part(setting, blocks, most) for setting in settings]
         sweeps: dict[int, SweepFeatures] = {}
@@ -232,7 +231,7 @@ class RecordedSweeps:
             [beat_frequency(sweeps[i], delay, calibrated[i].alpha, calibrated[-1 - i].alpha) for i in self.heard]
         )
 
-    def _part(self, setting: int, blocks: range = SPECTRUM.blocks, most: int | None = None) -> Part:
+    def _part(self, setting: int, blocks: range | None = None, most: int | None = None) -> Part:
         """Return the groups of one setting and their nominal conditions; `blocks` and `most` as for `Extractor`."""
         data = self.data
         groups = np.array([g for g, m in enumerate(self.members) if data.setting[m[0]] == setting])

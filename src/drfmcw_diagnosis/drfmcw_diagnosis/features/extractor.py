@@ -85,7 +85,7 @@ class Extractor:
         sweeps: tuple[SweepSettings, ...],
         calibrations: tuple[Calibration, ...],
         topology: Topology,
-        blocks: range = SPECTRUM.blocks,
+        blocks: range | None = None,
         most: int | None = None,
     ) -> None:
         """Prepare the estimators.
@@ -94,12 +94,13 @@ class Extractor:
             sweeps: settings of the first and the second station, or of the one that hears itself.
             calibrations: of the same.
             topology: of the same.
-            blocks: lengths of a block to choose from [samples].
+            blocks: lengths of a block to choose from [samples]; None: those of `block_lengths`.
             most: blocks of the ramp that are compared, the first ones; None: all.
         """
         self._most = most
         self.sweeps, self.calibrations, self.topology = sweeps, calibrations, topology
         settings, iq, own = EstimatorSettings(estimator='pair'), topology.iq, topology.heard[0]
+        blocks = blocks or block_lengths(sweeps[own].sample_count)
         self.sign = sweeps[0].line_sign() * sweeps[-1].line_sign()
         self.way_per_phase = topology.way_per_phase(sweeps)
         self.beat_per_start_delay = topology.beat_per_start_delay(sweeps)
@@ -400,6 +401,13 @@ class Extractor:
             shares.append(Share(beat, sweep, calibration))
         first, second = shares
         return combine(first, second)
+
+
+def block_lengths(count: int) -> range:
+    """Return the lengths of a block to choose from for sweeps of `count` samples [samples]."""
+    lengths = SPECTRUM.blocks
+    times = max(1, -(-count // (lengths.start * SPECTRUM.most_blocks)))
+    return range(times * lengths.start, times * (lengths.stop - 1) + 1)
 
 
 def span_times(sweep: SweepSettings) -> np.ndarray:

@@ -107,6 +107,9 @@ class SpectrumLimits:
     blocks: range = range(12, 21)
     """Samples per block: changes within the sweep up to 50 kHz; chosen."""
 
+    most_blocks: int = 1024
+    """Blocks of a sweep, from which on blocks are longer; chosen: the search's memory grows with their square."""
+
     edge: int = 32
     """Bins next to 0 Hz and to the Nyquist frequency that are not compared; chosen."""
 

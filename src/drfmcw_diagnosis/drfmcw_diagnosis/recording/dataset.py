@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 import functools
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -363,9 +364,15 @@ def _usable(
     """
     result: dict[str, list[Sweep]] = {station: [] for station in stations}
     refused: collections.Counter[str] = collections.Counter()
+    before: set[tuple[str, bytes]] = set()
     for sweep in sweeps:
         settings = conditions.settings_at(stations, sweep.stamp)[stations.index(sweep.station)]
-        reason = refusal(sweep, np.asarray(sweep.samples), settings.sample_count)
+        samples = np.asarray(sweep.samples)
+        reason = refusal(sweep, samples, settings.sample_count)
+        content = sweep.station, hashlib.sha256(samples.tobytes()).digest()
+        if not reason and content in before:  # no receiver's noise comes twice
+            reason = 'equal to an earlier one, sample by sample'
+        before.add(content)
         if reason:
             refused[reason] += 1
         else:

@@ -59,6 +59,12 @@ class ThinningLimits:
     sweeps: int = 48
     """Sweeps of a group, at most; chosen: noise then still hides the errors of the forward models."""
 
+    samples: int = 32768
+    """Samples of a sweep that a station hears of itself, at most; chosen: the search takes a minute with so many."""
+
+    delays: float = 2.0
+    """Delays of the line that these cover at least [1]; chosen: an echo must be heard for most of them."""
+
 
 @dataclasses.dataclass(frozen=True)
 class EndLimits:

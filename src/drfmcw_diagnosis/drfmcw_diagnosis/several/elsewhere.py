@@ -13,7 +13,7 @@ from drfmcw_sim.effects import Effect
 from ..compare.comparison import Comparison
 from ..finding.result import Diagnosis, Estimate, FoundEffect
 from ..recording.dataset import read_dataset
-from ..recording.thinning import representative
+from ..recording.thinning import representative, shortened
 from ..search.bank import Candidate, recipes
 from ..search.fitting import Fitting, Freedom
 from .joint import Elsewhere, Shared
@@ -34,7 +34,7 @@ def answered(question: Question) -> list[Elsewhere]:
 
     Each one's size is fitted beside the recording's own effects, whose parameters may follow.
     """
-    data = read_dataset(question.path, question.pair)
+    data = shortened(read_dataset(question.path, question.pair))
     comparison = Comparison(data, representative(data.group))
     fitting = Fitting(comparison)
     freedom: Freedom | None = None

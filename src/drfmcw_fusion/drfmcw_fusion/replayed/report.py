@@ -18,8 +18,14 @@ from drfmcw_ros.cli import write_atomically
 
 from ..integrity.checks import Test
 from ..offline import Reference
-from ..pipeline import RangeResult
-from .statistics import SettingStatistics, reference_at
+from ..pipeline import Flag, RangeResult
+from .statistics import REFUSED, SettingStatistics, counts, reference_at
+
+_REASONS = {
+    Flag.WEAK_SIGNAL: 'whose line does not stand clear of the noise (WEAK_SIGNAL)',
+    Flag.MODE_MISMATCH: 'with different settings at both stations (MODE_MISMATCH)',
+    Flag.OUT_OF_LIMITS: 'beyond minimum_range ... maximum_range (OUT_OF_LIMITS)',
+}
 
 
 def as_objects(rows: Sequence[SettingStatistics]) -> list[dict[str, Any]]:
@@ -79,14 +85,18 @@ def table(rows: Sequence[SettingStatistics], title: str) -> Table:
         shown.add_column(escape(name), justify='right')
     for row in rows:
         cells = [row.pair] if several else []
-        cells += [row.mode, f'{row.reference if referenced else row.range:.3f}']
+        cells += [row.mode, _number(row.reference if referenced else row.range, 3)]
         if not referenced:
-            cells.append(f'{row.delay * 1e9:.2f}')
+            cells.append(_number(row.delay * 1e9, 2))
         cells.append(str(row.n))
         if referenced:
             cells.append(_millimetres(row.bias, sign=True))
         shown.add_row(*cells, _millimetres(row.std), _millimetres(row.range_std), str(row.excluded or ''))
     return shown
+
+
+def _number(value: float | None, digits: int) -> str:
+    return f'{value:.{digits}f}' if value is not None and math.isfinite(value) else '-'
 
 
 def _millimetres(value: float | None, sign: bool = False) -> str:
@@ -111,6 +121,21 @@ def summary(rows: Sequence[SettingStatistics]) -> str:
         f'{total} ranges from {min(r for r, _, _ in known):.1f} to {max(r for r, _, _ in known):.1f} m: '
         f'rms error {rms * 1e3:.1f} mm, largest bias {largest * 1e3:+.1f} mm at {where:.0f} m.'
     )
+
+
+def left_out(results: Sequence[RangeResult]) -> str:
+    """Return one sentence about the sweeps that count in no statistics, and why, '' where all count."""
+    out = [r for r in results if not counts(r)]
+    if not out:
+        return ''
+    heard = [r for r in out if math.isfinite(r.range)]
+    why = {text: sum(bool(r.flags & flag) for r in heard) for flag, text in _REASONS.items()}
+    refused = [r for r in out if r.flags & REFUSED == REFUSED]
+    tests = sorted({str(test.name) for r in refused for test in Test(r.failed_tests)})
+    why[f'refused by the integrity tests ({", ".join(tests)})'] = len(refused)
+    why['without any line'] = len(out) - len(heard)
+    listed = ', '.join(f'{count} {text}' for text, count in why.items() if count)
+    return f'Left out: {len(out)} of {len(results)} sweeps: {listed}.'
 
 
 def mismatch(results: Sequence[RangeResult]) -> str:

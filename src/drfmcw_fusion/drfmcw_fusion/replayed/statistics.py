@@ -18,7 +18,9 @@ _DRIVE = 2.0  # a larger change of the reference within a setting makes it a dri
 DEFAULT_BIN = 50.0
 """Width of the distance bins into which a drive is sorted [m]."""
 
-_REFUSED = Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY
+REFUSED = Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY
+"""Flags that a range which the integrity tests refuse has, all of them."""
+
 EXCLUDED = Flag.WEAK_SIGNAL | Flag.MODE_MISMATCH | Flag.OUT_OF_LIMITS
 """Flags with which a range counts in no statistics; a refused one does not either."""
 
@@ -38,6 +40,11 @@ class SettingStatistics:
     reference_std: float | None  # root mean square of the reference's own standard deviation [m]
     delay: float  # mean delay of the whole path, hardware included [s]
     excluded: int  # sweeps left out: weak signal, stations that disagree on the mode, out of limits, refused
+
+
+def counts(result: RangeResult) -> bool:
+    """Return whether a range counts in statistics."""
+    return not result.flags & EXCLUDED and result.flags & REFUSED != REFUSED and math.isfinite(result.range)
 
 
 def reference_at(reference: Reference, stamps: np.ndarray) -> np.ndarray:
@@ -81,7 +88,7 @@ def setting_statistics(
         own = sorted((r for r in results if (r.first_station, r.second_station) == pair), key=lambda r: r.stamp)
         stamps = np.array([r.stamp for r in own], dtype=np.int64)
         truth = reference_at(own_reference, stamps)
-        distance = np.where(np.isfinite(truth), truth, [r.range for r in own])
+        distance = _filled(stamps, np.where(np.isfinite(truth), truth, [r.range for r in own]))
         settings = _settings(
             stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(own_reference.stamps))
         )
@@ -98,6 +105,14 @@ def setting_statistics(
     return rows
 
 
+def _filled(stamps: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Return distances in which a sweep without a line has that of the sweeps around it; zeros where none has one."""
+    known = np.isfinite(distance)
+    if not known.any():
+        return np.zeros(len(distance))
+    return np.where(known, distance, np.interp(stamps - stamps[0], stamps[known] - stamps[0], distance[known]))
+
+
 def _settings(stamps: np.ndarray, modes: np.ndarray, distance: np.ndarray, has_reference: bool) -> list[np.ndarray]:
     """Return index arrays of the runs of sweeps that belong to one setting."""
     step = np.diff(stamps) * 1e-9
@@ -111,8 +126,7 @@ def _row(
     pair: tuple[str, str], results: list[RangeResult], truth: np.ndarray, reference: Reference
 ) -> SettingStatistics:
     has_reference = bool(np.isfinite(truth).any())
-    flags = np.array([r.flags for r in results])
-    chosen = (flags & EXCLUDED == 0) & (flags & _REFUSED != _REFUSED) & np.isfinite([r.range for r in results])
+    chosen = np.array([counts(r) for r in results])
     if has_reference:
         chosen &= np.isfinite(truth)
     excluded = int(len(results) - chosen.sum())

@@ -76,6 +76,7 @@ def lay_out(source: Source, settings: LayoutSettings) -> Layout:
         ConfigurationError: axes, shape and file do not fit.
     """
     array, name = source.array, source.name
+    _require_numbers(source)
     axes = settings.axes or _DEFAULT.get(max(1, sum(s > 1 for s in array.shape)), [])
     if settings.shape:
         array = _reshaped(array, settings, name)
@@ -92,6 +93,20 @@ def lay_out(source: Source, settings: LayoutSettings) -> Layout:
     return layout
 
 
+def _require_numbers(source: Source) -> None:
+    """Refuse what holds no numbers.
+
+    Raises:
+        ConfigurationError: an empty array, or one of text or of structures that are no complex numbers.
+    """
+    listed, dtype = 'x'.join(map(str, source.array.shape)), np.dtype(source.array.dtype)
+    if math.prod(source.array.shape) == 0:
+        raise ConfigurationError(f'{source.name}: holds no samples: its array is of {listed}')
+    fields = [dtype[name] for name in dtype.names] if is_complex(dtype) and dtype.names else [dtype]
+    if any(field.kind not in 'biufc' for field in fields):
+        raise ConfigurationError(f"{source.name}: holds values of type '{dtype}', not numbers")
+
+
 def _check(layout: Layout, settings: LayoutSettings) -> None:
     sizes, name = layout.sizes, layout.name
     if 'iq' in layout.axes and is_complex(layout.array.dtype):
@@ -105,8 +120,6 @@ def _check(layout: Layout, settings: LayoutSettings) -> None:
             raise ConfigurationError(
                 f'{name}: layout: {axis} = {chosen}, but the file has {sizes[axis]} (0 is the first)'
             )
-    if math.prod(layout.array.shape) == 0:
-        raise ConfigurationError(f'{name}: holds no samples')
 
 
 def _squeezed(array: Array, dimensions: int) -> Array:

@@ -22,9 +22,14 @@ class Spectrum:
     frequency: Numbers  # (m,) increasing [Hz]
     run: Numbers  # (m,) mean over the run of sweeps whose line stands still [dBFS]
     all: Numbers  # (m,) mean over all sweeps [dBFS]
-    line: float  # frequency of the strongest line of the run, 0 Hz left out [Hz]
+    line: float  # frequency of the strongest line of the run, 0 Hz left out [Hz]; 0: there is none
     level: float  # of that line [dBFS]
     floor: float  # median of the run's spectrum [dBFS]
+
+    @property
+    def has_line(self) -> bool:
+        """False for samples that never change."""
+        return self.line != 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,9 +124,14 @@ def fold(frequency: float, rate: float, iq: bool) -> float:
 def marks(spectrum: Spectrum, sweep: SweepSettings, iq: bool) -> list[Mark]:
     """Return what stands where: 0 Hz, Nyquist, line, image (I/Q only), second and third harmonic, folded."""
     rate = sweep.sample_rate
-    found = [Mark('0 Hz', 0.0), Mark('Nyquist', rate / 2), Mark('line', spectrum.line)]
+    found = [Mark('0 Hz', 0.0), Mark('Nyquist', rate / 2)]
     if iq:
-        found += [Mark('Nyquist', -rate / 2), Mark('image', -spectrum.line)]
+        found.append(Mark('Nyquist', -rate / 2))
+    if not spectrum.has_line:
+        return found
+    found.append(Mark('line', spectrum.line))
+    if iq:
+        found.append(Mark('image', -spectrum.line))
     for order in (2, 3):
         found.append(Mark(f'{order}×', fold(order * spectrum.line, rate, iq)))
     return found

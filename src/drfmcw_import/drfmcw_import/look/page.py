@@ -121,11 +121,13 @@ def _tiles(data: StationSweeps, spectrum: measures.Spectrum) -> tuple[Tile, ...]
     resolution = SPEED_OF_LIGHT / abs(sweep.bandwidth)
     tiles = [
         Tile('sweeps', str(data.recorded), f'of {_seconds(float(data.time[-1]) or sweep.record_duration)}'),
-        Tile('strongest line', _hertz(spectrum.line), f'{spectrum.level:.1f} dBFS, {snr:.0f} dB above the median'),
+        Tile('strongest line', _hertz(spectrum.line), f'{spectrum.level:.1f} dBFS, {snr:.0f} dB above the median')
+        if spectrum.has_line
+        else Tile('strongest line', 'none', 'the samples hold one value'),
         Tile('largest sample', f'{used:.0%}', f'of full scale, {data.full_scale:g} LSB'),
         Tile('resolution', f'{resolution:.3g} m', 'of path: speed of light over the bandwidth'),
     ]
-    if sweep.hears_itself:
+    if sweep.hears_itself and spectrum.has_line:
         delay = abs(spectrum.line / sweep.chirp_rate)
         tiles.insert(
             2,
@@ -204,6 +206,8 @@ def _samples_note(data: StationSweeps) -> str:
 def _course_panel(data: StationSweeps, run: slice, line: float, which: str) -> Panel:
     title = 'Beat frequency over ramp time'
     course = measures.ramp_course(data, run, line)
+    if line == 0.0:
+        return Panel(title, 'There is no line to follow.')
     if course is None:
         return Panel(title, 'The strongest line makes fewer than four turns in a sweep: too few to follow it.')
     wander = float(np.std(course.frequency)) / abs(course.straight)

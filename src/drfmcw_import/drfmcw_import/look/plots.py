@@ -130,8 +130,8 @@ def _levels(axis: Axes, codes: Numbers, extent: tuple[float, float, float, float
 
 
 def is_low(line: float, highest: float) -> bool:
-    """Return True for a line that a picture of all frequencies hides beside 0 Hz."""
-    return abs(line) < highest / _LOW
+    """Return True for a line that a picture of all frequencies hides beside 0 Hz; 0: there is no line."""
+    return 0.0 < abs(line) < highest / _LOW
 
 
 def _near(line: float, iq: bool) -> tuple[float, float]:

@@ -27,6 +27,7 @@ PHASE_UNIT = 2.0**-32
 
 _CHUNK = 32  # sweeps computed together: as many as fit the processor's cache
 _BLOCK = 64  # samples whose phases are computed from one start and one slope
+_LOUDEST = 1e30  # amplitude beyond which no size of an effect takes a signal: sums stay within float32 [LSB]
 _NEGLIGIBLE_DRIFT = 1e-3  # samples between two ADC clocks within a record, for phase noise only
 
 
@@ -217,7 +218,7 @@ def _amplitude(own: Station, path: Path, g: Geometry) -> np.ndarray:
     if own.slope:
         per_sample = own.slope / 20.0 * own.alpha * g.step / own.sweep.ramp_duration
         amplitude = amplitude * 10.0 ** (-per_sample[:, None] * np.arange(own.sweep.sample_count))
-    return amplitude.astype(np.float32)
+    return np.minimum(amplitude, _LOUDEST).astype(np.float32)
 
 
 def _response(own: Station) -> tuple[np.ndarray | None, np.ndarray | None]:

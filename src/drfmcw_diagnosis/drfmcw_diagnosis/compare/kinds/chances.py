@@ -46,16 +46,17 @@ def amounts(z: np.ndarray, correlated: float, scatter: int) -> list[float]:
         z: whitened.
         correlated: numbers that share their noise.
         scatter: degrees of freedom of the standard deviations, 0 where more than a group's scatter gives them. Few
-            degrees of freedom make the heavier tails of Student's distribution.
+            degrees of freedom make the heavier tails of Student's distribution. With two the squares have no mean, and
+            with one not even the numbers have: only the largest counts then.
     """
     count = len(z) / correlated
     scatter = scatter or LEFTOVER.tails_freedom
     heavier = (scatter - 1.0) / max(scatter - 4.0, 0.5)  # variance of the squares, over that of normal noise
     largest = float(np.abs(z).max()) * math.sqrt(scatter / max(scatter - 2.0, 1.0))
-    return [
-        float(stats.chi2.sf(float(np.mean(z**2)) * count / heavier / LEFTOVER.squares, count / heavier)),
-        min(1.0, len(z) * 2.0 * float(stats.t.sf(largest, scatter))),
-    ]
+    most = min(1.0, len(z) * 2.0 * float(stats.t.sf(largest, scatter)))
+    if scatter <= 2:
+        return [most]
+    return [float(stats.chi2.sf(float(np.mean(z**2)) * count / heavier / LEFTOVER.squares, count / heavier)), most]
 
 
 def common(rest: np.ndarray) -> list[float]:
