@@ -10,7 +10,7 @@ from drfmcw_node.processing.records import Beat
 
 _APART = 10e3  # between lines that count as two; jitter of T_off spreads one over some hundred hertz [Hz]
 _FEWEST_SWEEPS = 3  # of a line
-_FEWEST_LINES = 3  # of which a response can be separated from a gain
+_FEWEST_LINES = 3  # which separate a response from a gain
 
 
 @dataclasses.dataclass(frozen=True)
