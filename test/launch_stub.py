@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import yaml
+
 
 @dataclasses.dataclass
 class Context:
@@ -105,6 +107,17 @@ class Node:
             {name: performed(value) for name, value in given.items()} if isinstance(given, Mapping) else str(given)
             for given in self.parameters
         ]
+
+    def arguments(self, directory: Path) -> list[str]:
+        """The command line after the executable; parameter files are written into a directory."""
+        given = ['--ros-args', *(('-r', f'__ns:=/{self.namespace}') if self.namespace else ())]
+        for number, content in enumerate(self.parameters):
+            path = content
+            if isinstance(content, Mapping):
+                path = directory / f'{self.executable}_{self.namespace.replace("/", "_")}_{number}.yaml'
+                path.write_text(yaml.safe_dump({'/**': {'ros__parameters': dict(content)}}), encoding='utf-8')
+            given += ['--params-file', str(path)]
+        return given
 
 
 @dataclasses.dataclass(frozen=True)
