@@ -376,7 +376,7 @@ def stream(
 
 
 class _Once:
-    """Determines which messages of two subscriptions to one topic come for the first time."""
+    """Which messages of two subscriptions to one topic come for the first time."""
 
     def __init__(self, most: int) -> None:
         """Remember up to `most` messages once `active`."""
