@@ -92,7 +92,7 @@ def processes(text: str, directory: Path) -> list[list[str]]:
     if words[:2] == ['ros2', 'launch'] and not shutil.which('ros2'):
         nodes = launch_stub.nodes(ROOT / 'src' / words[2] / 'launch' / words[3], *words[4:])
         called = ((module_of(node.package, node.executable), node) for node in nodes)
-        return [[sys.executable, '-m', module, *node.arguments(directory)] for module, node in called]
+        return [[sys.executable, '-m', module, *node.command_line(directory)] for module, node in called]
     if words[0] == 'ros2':
         return [words]
     return [['sh', '-c', text.replace('.venv/bin/python', sys.executable)]]

@@ -108,9 +108,9 @@ class Node:
             for given in self.parameters
         ]
 
-    def arguments(self, directory: Path) -> list[str]:
+    def command_line(self, directory: Path) -> list[str]:
         """The command line after the executable; parameter files are written into a directory."""
-        given = ['--ros-args', *(('-r', f'__ns:=/{self.namespace}') if self.namespace else ())]
+        given = [*self.arguments, '--ros-args', *(('-r', f'__ns:=/{self.namespace}') if self.namespace else ())]
         for number, content in enumerate(self.parameters):
             path = content
             if isinstance(content, Mapping):
