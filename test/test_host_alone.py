@@ -1,5 +1,6 @@
 """The host without stations, served by TLS: sockets refuse other pages, sessions end, recordings are diagnosed."""
 
+import re
 import shutil
 import subprocess
 
@@ -89,6 +90,7 @@ def test_recording_is_diagnosed_and_its_report_opened(secure):
     with secure.page('/recordings', user=True) as page:
         entry = page.locator(f'[data-recording={KEPT}]')
         entry.get_by_role('button', name='Diagnose', exact=True).click()
+        page.get_by_text(re.compile(rf'Diagnosis of {KEPT}: running for ([2-9]|\d\d)')).wait_for()  # its age counts
         page.get_by_text(f'Diagnosis of {KEPT}: done').wait_for(timeout=250_000)
         entry.get_by_role('button', name='Show result: Diagnose').click()
         report = page.locator('iframe.report')

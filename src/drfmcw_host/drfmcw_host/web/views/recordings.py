@@ -25,7 +25,9 @@ class RecordingsView:
     def __init__(self, viewer: Viewer) -> None:
         """Add the view."""
         self._viewer = viewer
-        self._shown: Any = None
+        self._shown: list[Recording] | None = None
+        self._shown_jobs: list[tuple[Job, bool]] | None = None
+        self._said: list[tuple[Job, ui.element]] = []  # texts that say how far each job is
         say = viewer.say
         if not viewer.may_change:
             text('p', say('login.needed'), 'note')
@@ -56,11 +58,15 @@ class RecordingsView:
         free, total = host.recordings.disk()
         set_text(self._disk, say('rec.disk', free=size(free, language), total=size(total, language)))
         recordings = [r for r in host.recordings.list() if running is None or r.name != running.name]
-        jobs = [(job, job.running, job.reason) for job in reversed(host.work.jobs)]
-        if (recordings, jobs) != self._shown:
-            self._shown = (recordings, jobs)
+        if recordings != self._shown:  # else what is open in the list stays open
+            self._shown = recordings
             self._show_list(recordings)
-            self._show_jobs()
+        jobs = [(job, job.running) for job in reversed(host.work.jobs)]
+        if jobs != self._shown_jobs:
+            self._shown_jobs = jobs
+            self._show_jobs([job for job, _ in jobs])
+        for job, element in self._said:
+            set_text(element, self._progress(job))
 
     def _show_list(self, recordings: list[Recording]) -> None:
         say = self._viewer.say
@@ -143,16 +149,24 @@ class RecordingsView:
         self._viewer.host.work.check_idle(name)
         self._viewer.host.recordings.delete(name)
 
-    def _show_jobs(self) -> None:
+    def _show_jobs(self, jobs: list[Job]) -> None:
+        say = self._viewer.say
         self._jobs.clear()
+        self._said.clear()
         with self._jobs:
-            jobs = self._viewer.host.work.jobs
             if not jobs:
-                text('p', self._viewer.say('rec.no-jobs'), 'empty')
-            for job in reversed(jobs):
-                self._job(job)
+                text('p', say('rec.no-jobs'), 'empty')
+            for job in jobs:
+                with ui.element('div').classes('line'):
+                    self._said.append((job, text('span', self._progress(job))))
+                    if job.running and self._viewer.may_change:
+                        ui.button(say('rec.cancelled'), on_click=self._cancelling(job)).props('no-caps dense flat')
 
-    def _job(self, job: Job) -> None:
+    def _cancelling(self, job: Job) -> Callable[[], None]:
+        return lambda: self._do('cancel', job.name, lambda: self._viewer.host.work.cancel(job))
+
+    def _progress(self, job: Job) -> str:
+        """Return what a job does, and for how long it has run or how it ended."""
         say = self._viewer.say
         if job.running:
             state = say('rec.job.running', age=span(time.time() - job.begun, self._viewer.language))
@@ -160,13 +174,7 @@ class RecordingsView:
             state = say('rec.job.failed', reason=job.reason)
         else:
             state = say('rec.job.done')
-        with ui.element('div').classes('line'):
-            text('span', f'{say(f"rec.job.{job.kind}", name=job.name)}: {state}')
-            if job.running and self._viewer.may_change:
-                ui.button(
-                    say('rec.cancelled'),
-                    on_click=lambda: self._do('cancel', job.name, lambda: self._viewer.host.work.cancel(job)),
-                ).props('no-caps dense flat')
+        return f'{say(f"rec.job.{job.kind}", name=job.name)}: {state}'
 
 
 def _result(recording: Recording, file: str) -> str:
