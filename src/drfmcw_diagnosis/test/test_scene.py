@@ -184,7 +184,7 @@ def test_lines_before_a_limit_and_a_high_pass_are_described_as_they_were():
     assert behind.held_out < 0.2**2 * plain.held_out
     assert np.allclose(np.sort(np.abs(behind.frequency)) * m.rate, [50.0, 130.0], atol=0.1)
     assert np.allclose(np.sort(np.abs(behind.phasor)), [1e4, 3e4], rtol=0.1)
-    fit, _ = limited_fit(m, found)
+    fit, _, _ = limited_fit(m, found)
     assert fit.held_out.after < 0.2**2 * fit.held_out.before
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
+from scipy import stats
 
 from .limits import BURSTS
 from .material import Material
@@ -20,6 +21,7 @@ class Bursts:
     at: np.ndarray  # (n, N) samples in a burst
     share: float  # of the samples [1]
     excess: float  # power of what cannot be predicted in a burst over that beside it [1]
+    chance: float  # of so many blocks so loud in white noise
 
 
 def unpredicted(signal: np.ndarray) -> tuple[np.ndarray, float]:
@@ -59,4 +61,7 @@ def bursts(m: Material) -> Bursts | None:
     extra = float(np.mean(power[loud]) - np.mean(power[~loud])) / amplified  # a burst is white
     amplitude = math.sqrt(max(extra, 1.0 / 12.0) * (1.0 if m.iq else 2.0))
     per_sweep = loud[hit].sum(axis=1) * block / m.rate
-    return Bursts(float(hit.mean()), amplitude, float(np.mean(per_sweep)), hit, at, float(at.mean()), excess)
+    freedom = block * (2 if m.iq else 1)
+    loudest = BURSTS.peak * float(stats.chi2.median(freedom))
+    chance = float(stats.binom.sf(int(loud.sum()) - 1, loud.size, stats.chi2.sf(loudest, freedom)))
+    return Bursts(float(hit.mean()), amplitude, float(np.mean(per_sweep)), hit, at, float(at.mean()), excess, chance)

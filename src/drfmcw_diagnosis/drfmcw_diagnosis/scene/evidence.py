@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from drfmcw_sim.effects import Effect
 
@@ -12,7 +13,7 @@ from ..finding.result import Estimate, FoundEffect, Location
 from .background import Background, gain
 from .bursts import Bursts
 from .images import Image
-from .limits import JUDGE, SHAPE, SIDES
+from .limits import JUDGE, SIDES
 from .material import Material
 from .rails import Limit
 from .ramps.ramp import Ramp
@@ -40,17 +41,17 @@ def of_ramp(found: Ramp) -> Evidence:
     """Return window, shape and amplitude slope, as far as they are there."""
     m, w = found.material, found.window
     effects, locations = [], []
-    count = sum(len(line.signal) for line in found.lines)
+    held = int(sum(line.held.sum() for line in found.lines))
+    straight = float(np.sqrt(np.mean([s.held_out**2 for s in found.straight])))
     later, earlier = found.narrower
     if later or earlier:
+        beyond, samples = found.beyond
         parameters = {}
         if later:
             parameters['start'] = Estimate(w.first / m.rate, 2.0 / m.rate, 's')
         if earlier:
             parameters['end'] = Estimate(w.last / m.rate, 4.0 / m.rate, 's')
-        outside = m.nominal_end - (w.last if earlier else m.nominal_end) + (w.first if later else 0)
-        gained = outside * math.log(max(found.nominal / max(found.held_out, m.noise), 1.0))
-        effects.append(_effect('window', m, parameters, gained))
+        effects.append(_effect('window', m, parameters, *_lowered(beyond, found.held_out, samples, held)))
         if later:
             locations.append(Location('if_samples', m.station, 'ramp_time', 0.0, w.first / m.rate, math.nan))
         if earlier:
@@ -65,19 +66,18 @@ def of_ramp(found: Ramp) -> Evidence:
             f'relative_rate[{i}]': Estimate(float(v), float(s), '')
             for i, (v, s) in enumerate(zip(coefficients, stds, strict=True))
         }
-        straight = float(np.sqrt(np.mean([s.held_out**2 for s in found.straight])))
-        effects.append(_effect('rate', m, parameters, count * math.log(straight / found.held_out)))
+        effects.append(_effect('rate', m, parameters, *_lowered(straight, found.held_out, held, held)))
         locations.append(Location('if_samples', m.station, 'ramp_time', w.first / m.rate, w.last / m.rate, math.nan))
         slope, slope_std = found.slope
         if abs(slope) > 4.0 * slope_std:
-            effects.append(_effect('slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, count * SHAPE.least))
+            effects.append(_effect('slope', m, {'slope': Estimate(slope, slope_std, 'dB')}, *_apart(slope, slope_std)))
         delay = float(found.shape.delay[0])
         std = convention(found) * delay
         sentences += [
             f"The ramp's rate differs from its mean by {100.0 * float(np.std(found.rate())):.1f} % rms over the band. "
             f'What is left on blocks of samples that were held out: {found.nominal:.1f} LSB rms beside a straight '
             f'nominal ramp, {straight:.1f} beside a straight one within its window, {found.held_out:.1f} beside the '
-            f'shape; white noise has {m.noise:.1f}.',
+            f'shape; white noise has {found.white:.1f}.',
             f'Delay of the line: {1e9 * delay:.2f} ± {1e9 * std:.2f} ns, if the stated band is covered from '
             f'{1e3 * w.begins / m.rate:.4f} to {1e3 * w.ends / m.rate:.4f} ms.',
             f'A constant that varies slowly over the sweep by {found.constant:.0f} LSB peak to peak was fitted beside '
@@ -93,7 +93,7 @@ def of_ramp(found: Ramp) -> Evidence:
         'delay_std': [float(d) * convention(found) for d in found.shape.delay],
         'convention': 'the stated band is covered from window.begins to window.ends',
         'window': {'begins': w.begins / m.rate, 'ends': w.ends / m.rate},
-        'misfit': {'nominal': found.nominal, 'held_out': found.held_out, 'noise': m.noise, 'unit': 'LSB'},
+        'misfit': {'nominal': found.nominal, 'held_out': found.held_out, 'noise': found.white, 'unit': 'LSB'},
         'constant': found.constant,
     }
     return Evidence(tuple(effects), tuple(locations), tuple(sentences), tuple(undetermined), {'ramp': figures})
@@ -105,23 +105,22 @@ def convention(found: Ramp) -> float:
     return math.hypot(edges, float(np.std(found.rate())) / math.sqrt(len(found.shape.std)))
 
 
-def of_limit(found: Limit, m: Material) -> Evidence:
-    """Return clipping, and the high-pass behind it."""
+def of_limit(found: Limit, m: Material, gain: float) -> Evidence:
+    """Return clipping, which is counted and gains so much in what is held out, and the high-pass behind it."""
     std = 20.0 / math.log(10.0) * found.level_std / found.level
     parameters = {'level': Estimate(m.decibels(found.level), max(std, 0.05), 'dBFS')}
-    count = int(found.at.sum())
-    effects = [_effect('limit', m, parameters, count / 2.0, found.probability)]
+    effects = [_effect('limit', m, parameters, gain, found.probability)]
     sentences = [f'{100.0 * found.share:.1f} % of the samples stand at a limit of ±{found.level:.0f} LSB.']
     if found.pole is not None:
         pole, pole_std = found.pole
-        effects.append(_effect('droop', m, {'pole': Estimate(pole, pole_std, 'Hz')}, count / 2.0))
+        effects.append(_effect('droop', m, {'pole': Estimate(pole, pole_std, 'Hz')}, *_apart(pole, pole_std)))
         sentences.append('The plateaus of the limit droop: the receiver limits in front of a high-pass.')
-    at = Location('if_samples', m.station, 'adc_code', found.level, float(np.abs(m.parts).max()), found.share)
+    at = Location('if_samples', m.station, 'adc_code', found.level, float(np.abs(m.parts).max()), math.nan)
     return Evidence(tuple(effects), (at,), tuple(sentences))
 
 
-def of_bursts(found: Bursts, m: Material) -> Evidence:
-    """Return bursts of another transmitter."""
+def of_bursts(found: Bursts, m: Material, gain: float) -> Evidence:
+    """Return bursts of another transmitter, which gain so much in what is held out."""
     count = len(found.hit)
     std = math.sqrt(found.probability * (1.0 - found.probability) / count)
     parameters = {
@@ -129,14 +128,14 @@ def of_bursts(found: Bursts, m: Material) -> Evidence:
         'level': Estimate(m.decibels(found.amplitude), 2.0, 'dBFS'),
         'duration': Estimate(found.duration, 0.25 * found.duration, 's'),
     }
-    gained = 0.5 * float(found.at.sum()) * (math.log(found.excess) - 1.0 + 1.0 / found.excess)
     times = np.flatnonzero(found.at.any(axis=0))
-    at = Location('noise', m.station, 'ramp_time', times[0] / m.rate, (times[-1] + 1) / m.rate, 1.0)
+    at = Location('noise', m.station, 'ramp_time', times[0] / m.rate, (times[-1] + 1) / m.rate, math.nan)
     text = (
         f'In {int(found.hit.sum())} of {count} sweeps, {100.0 * found.share:.1f} % of the samples, the power that no '
         f'line predicts is {10.0 * math.log10(found.excess):.1f} dB above that of the others.'
     )
-    return Evidence((_effect('bursts', m, parameters, gained),), (at,), (text,))
+    chance = max(found.chance, math.exp(-min(max(gain, 0.0), 690.0)))
+    return Evidence((_effect('bursts', m, parameters, gain, chance),), (at,), (text,))
 
 
 def of_image(found: Image, m: Material) -> Evidence:
@@ -158,7 +157,8 @@ def of_background(found: Background, moving: Track | None, m: Material) -> Evide
     locations: tuple[Location, ...] = ()
     if found.leaks:
         parameters = {'level': Estimate(m.decibels(found.leakage), 0.1, 'dBFS')}
-        effects = (_effect('leakage', m, parameters, m.signal.size * math.log(found.leakage / found.line)),)
+        std = math.sqrt(m.floor.mean / m.signal.size)
+        effects = (_effect('leakage', m, parameters, *_apart(found.leakage, std)),)
         locations = (Location('if_spectrum', m.station, 'if_frequency', 0.0, 2.0 * m.rate / m.signal.shape[1], 1.0),)
     said = [
         'What repeats with the ramp lowers the misfit of the last third of the sweeps from '
@@ -198,6 +198,17 @@ def of_side(m: Material) -> Evidence:
         'the other direction.',
     )
     return Evidence((), (), said if mirrored else (), (), {'mirrored': True} if mirrored else {})
+
+
+def _lowered(before: float, after: float, count: int, of_after: int) -> tuple[float, float]:
+    """Return gain and chance of one root mean square above another one, of so many samples that were not fitted."""
+    gain = count * math.log(max(before, 1e-12) / max(after, 1e-12))
+    return gain, float(stats.f.sf((before / after) ** 2, count, of_after)) if count else 1.0
+
+
+def _apart(value: float, std: float) -> tuple[float, float]:
+    """Return gain and chance of a number that differs from zero."""
+    return 0.5 * (value / std) ** 2, 2.0 * float(stats.norm.sf(abs(value) / std))
 
 
 def _effect(

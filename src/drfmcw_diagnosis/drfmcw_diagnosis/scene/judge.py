@@ -7,17 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
+from drfmcw_sim.effects import Effect
+
 from ..finding.result import BeforeAfter, Diagnosis, Explanation, Fit, Location, Remainder, Series
 from ..finding.wording import sentences
 from ..recording.dataset import Dataset
-from .background import Background, background
-from .bursts import Bursts, bursts, unpredicted
+from .background import background
+from .bursts import Bursts, bursts
 from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp, of_side, shown_by
+from .forward.misfit import tail
+from .forward.model import scattered, scene, straight
 from .images import Image, image, measured
-from .limits import JUDGE
+from .limits import BURSTS, FORWARD, JUDGE
 from .lines import limited_fit
 from .material import Material, material
-from .rails import limit
+from .rails import Limit, limit
 from .ramps.ramp import Ramp, ramp
 from .ramps.shared import together
 from .refining import write_refined
@@ -54,18 +58,22 @@ def examine(
     """
     m = material(data)
     single, at_zero = _alone(m)
+    accepted = false_alarm_rate / sum(bool(kind.evidence) for kind in Effect.registry.values())
     found: list[Evidence] = []
-    unusable = np.zeros(m.parts.shape, bool)
     limited = None if single or shown_by('limit') in without else limit(m)
+    outcome = None
     if limited is not None:
-        found.append(of_limit(limited, m))
-        unusable |= limited.at
+        outcome, said = _limited(m, limited)
+        found += [of_limit(limited, m, outcome.gain), Evidence((), (), (said,))]
     bursting = None
     if not single and limited is None and shown_by('bursts') not in without:
         bursting = bursts(m)
     if bursting is not None:
-        found.append(of_bursts(bursting, m))
-        unusable |= np.concatenate([bursting.at] * 2) if m.iq else bursting.at
+        outcome = _bursting(m, bursting, accepted)
+        if outcome is None:
+            bursting = None
+        else:
+            found.append(of_bursts(bursting, m, outcome.gain))
     bent = (shared or ramp(m)) if limited is None and bursting is None else None
     if bent is not None and (bent.bends or any(bent.narrower)):
         found.append(_kept(of_ramp(bent), without))
@@ -77,17 +85,13 @@ def examine(
     repeated = None if single else background(m)
     if repeated is not None:
         found.append(_kept(of_background(repeated, track(m, repeated.mean), m), without))
+    found = [_beyond_chance(e, accepted) for e in found]
     found.append(of_side(m))
-    if limited is not None:
-        fit, said = limited_fit(m, limited)
-        found.append(Evidence((), (), (said,)))
-    else:
-        of_the_ramp = shown_by('window'), shown_by('rate')
-        ramped = any(e.effect in of_the_ramp for part in found for e in part.effects)
-        fit = _ramp_fit(bent) if bent is not None and ramped else _fit(m, unusable)
-    if repeated is not None and repeated.leaks:
-        fit = _leakage_fit(m, repeated)
-    return _diagnosis(data, m, found, fit, bent, false_alarm_rate, out, command)
+    if outcome is None and bent is not None and any(e.effects for e in found):
+        outcome = _ramped(bent)
+    if outcome is None:
+        outcome = _straight(m)
+    return _diagnosis(data, m, found, outcome, bent, false_alarm_rate, out, command)
 
 
 def own_image(data: Dataset) -> Image | None:
@@ -104,6 +108,10 @@ def own_ramp(data: Dataset) -> Ramp | None:
     """Return the ramp that a recording's own line shows, None where no single line is strong enough."""
     m = material(data)
     return None if limit(m) is not None else ramp(m)
+
+
+def _beyond_chance(evidence: Evidence, accepted: float) -> Evidence:
+    return dataclasses.replace(evidence, effects=tuple(e for e in evidence.effects if e.p_value < accepted))
 
 
 def _kept(evidence: Evidence, without: Collection[str]) -> Evidence:
@@ -126,66 +134,83 @@ def _alone(m: Material) -> tuple[bool, bool]:
     return held > JUDGE.single * whole, float(power.sum()) < (1.0 - JUDGE.single) * whole
 
 
-def _fit(m: Material, unusable: np.ndarray) -> Fit:
-    """Return the power of what cannot be predicted over its noise: of all samples, and of those the effects leave."""
-    rest, _ = unpredicted(m.signal)
-    power = np.abs(rest) ** 2
-    noise = float(np.median(power)) / (math.log(2.0) if m.iq else JUDGE.median_of_square)
-    noise = max(noise, (2.0 if m.iq else 1.0) / 12.0)
-    bad = unusable[: len(m.signal)] | unusable[-len(m.signal) :]
-    bad = bad[:, m.signal.shape[1] - rest.shape[1] :]
-    at = max(1, round(JUDGE.fitted * len(rest)))
-    parts = []
-    for rows in (slice(0, at), slice(at, None)):
-        each, left = power[rows] / noise, ~bad[rows]
-        before = float(each.mean()) if each.size else math.nan
-        parts.append(BeforeAfter(before, float(each[left].mean()) if left.any() else math.nan))
-    return Fit(parts[0], parts[1])
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """Misfit per degree of freedom without and with what was found, and the chance of what is left."""
+
+    fit: Fit
+    chance: float  # of the misfit that is left on what was held out; NaN where it was not tested
+    gain: float = 0.0  # of the logarithm of the likelihood of what was held out
+    untested: str = ''  # what no test was made of, and why
 
 
-def _leakage_fit(m: Material, found: Background) -> Fit:
-    """Return the power without and with a constant, over the noise."""
-    at = max(1, round(JUDGE.fitted * len(m.signal)))
-    scale = m.noise**2 * (2.0 if m.iq else 1.0)
-    parts = [np.mean(np.abs(m.signal[rows]) ** 2) / scale for rows in (slice(0, at), slice(at, None))]
-    after = found.constant**2 / scale
-    return Fit(BeforeAfter(float(parts[0]), after), BeforeAfter(float(parts[1]), after))
+def _straight(m: Material) -> Outcome:
+    """Return what the lines of a straight ramp leave."""
+    held = scene(m)
+    if held is None:
+        nothing = BeforeAfter(math.nan, math.nan)
+        said = f"Fewer than {FORWARD.fewest} samples of a sweep, or none but zeros: the scene's lines are not tested."
+        return Outcome(Fit(nothing, nothing), math.nan, untested=said)
+    found = straight(held)
+    inside, outside = (BeforeAfter(x.per_freedom, x.per_freedom) for x in (found.fitted, found.held_out))
+    return Outcome(Fit(inside, outside), found.held_out.probability)
 
 
-def _ramp_fit(found: Ramp) -> Fit:
-    noise = found.material.noise
-    before = (found.nominal / noise) ** 2
-    return Fit(BeforeAfter(before, (found.fitted / noise) ** 2), BeforeAfter(before, (found.held_out / noise) ** 2))
+def _bursting(m: Material, found: Bursts, accepted: float) -> Outcome | None:
+    """Return what lines and bursts leave, None where the bursts are no noise of their own."""
+    held = scene(m, found.at)
+    if held is None:
+        return None
+    fitted = straight(held)
+    scatter = scattered(fitted)
+    if scatter.above < BURSTS.above or math.exp(-min(scatter.gain, 690.0)) > accepted:
+        return None
+    inside = BeforeAfter(fitted.fitted.per_freedom, fitted.fitted.per_freedom)
+    return Outcome(Fit(inside, BeforeAfter(scatter.before, scatter.after)), fitted.held_out.probability, scatter.gain)
+
+
+def _limited(m: Material, found: Limit) -> tuple[Outcome, str]:
+    """Return what lines behind a limit leave, and that in words."""
+    fit, count, said = limited_fit(m, found)
+    gain = 0.5 * count * math.log(fit.held_out.before / fit.held_out.after)
+    return Outcome(fit, tail(fit.held_out.after, count, m.floor.freedom), max(gain, 0.0)), said
+
+
+def _ramped(found: Ramp) -> Outcome:
+    """Return what the ramp that was learnt leaves of its lines."""
+    m = found.material
+    before, inside, outside = ((x / found.white) ** 2 for x in (found.nominal, found.fitted, found.held_out))
+    count = float(sum(line.held.sum() for line in found.lines))
+    chance = tail(outside, count, m.floor.freedom)
+    return Outcome(Fit(BeforeAfter(before, inside), BeforeAfter(before, outside)), chance)
 
 
 def _diagnosis(
     data: Dataset,
     m: Material,
     found: list[Evidence],
-    fit: Fit,
+    outcome: Outcome,
     bent: Ramp | None,
     false_alarm_rate: float,
     out: Path | None,
     command: str,
 ) -> Diagnosis:
     effects = tuple(e for evidence in found for e in evidence.effects)
+    fit = outcome.fit
     after = fit.held_out.after if math.isfinite(fit.held_out.after) else fit.fitted.after
     before = fit.held_out.before if math.isfinite(fit.held_out.before) else fit.fitted.before
-    left = after > JUDGE.adequate
+    left = not outcome.chance >= false_alarm_rate
     if effects:
         verdict = 'partial' if left else 'explained'
     else:
         verdict = 'unexplained' if left else 'consistent'
     explanation = Explanation(effects, sum(e.log_evidence_gain for e in effects)) if effects else None
     located = tuple(x for evidence in found for x in evidence.locations)
-    shares = [x for x in located if math.isfinite(x.share)]
-    even = (1.0 - min(sum(x.share for x in shares), 1.0)) / max(len(located) - len(shares), 1)
-    located = tuple(x if math.isfinite(x.share) else dataclasses.replace(x, share=even) for x in located)
     everywhere = Location('if_samples', m.station, 'ramp_time', 0.0, m.signal.shape[1] / m.rate, 1.0)
     remainder = None
     if left and effects:
-        share = float(np.clip((after - 1.0) / max(before - 1.0, 1e-9), 0.0, 1.0))
-        remainder = Remainder(0.0, share, (everywhere,))
+        share = float(np.clip((after - 1.0) / (before - 1.0), 0.0, 1.0)) if before > max(after, 1.0) else 1.0
+        remainder = Remainder(outcome.chance, share, (everywhere,))
     refined = None
     if out is not None and effects:
         Path(out).mkdir(parents=True, exist_ok=True)
@@ -193,7 +218,7 @@ def _diagnosis(
     diagnosis = Diagnosis(
         recording=data.path,
         verdict=verdict,
-        significance=min((e.p_value for e in effects), default=0.0 if left else 1.0),
+        significance=min([*(e.p_value for e in effects), outcome.chance]),
         false_alarm_rate=false_alarm_rate,
         locations=located or ((everywhere,) if left else ()),
         explanation=explanation,
@@ -204,8 +229,9 @@ def _diagnosis(
         not_testable=(
             *data.missing,
             *(text for evidence in found for text in evidence.undetermined),
-            'A scene of several lines has no nominal model: its lines are predicted from the samples, and only what '
-            'receiver and ramp do to them is searched for.',
+            'A scene of several lines has no nominal model: its lines come from the samples, and only what receiver '
+            'and ramp do to them is searched for.',
+            *((outcome.untested,) if outcome.untested else ()),
         ),
         sentences=tuple(text for evidence in found for text in evidence.sentences),
         series=_series(bent) if bent is not None and bent.bends else (),
@@ -227,7 +253,7 @@ def _series(found: Ramp) -> tuple[Series, ...]:
             'ramp_time',
             line.sample / m.rate,
             straight,
-            np.full(len(straight), m.noise),
+            np.full(len(straight), found.white),
             straight - bent,
             'LSB',
             f'IF of {m.station} beside a straight ramp',

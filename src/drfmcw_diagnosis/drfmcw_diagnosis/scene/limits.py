@@ -218,6 +218,9 @@ class BurstLimits:
     often: float = 0.9
     """Share of the sweeps above which it is no burst [1]; chosen."""
 
+    above: float = 2.0
+    """Power of a burst over that at the same time of other sweeps, at least [1]; chosen."""
+
     contrast: float = 2.0
     """Mean power over its median in all blocks without a burst, above which the whole recording is uneven; chosen."""
 
@@ -328,13 +331,6 @@ class JudgeLimits:
     fitted: float = 2.0 / 3.0
     """Share of the sweeps that is fitted [1]; chosen, as for features."""
 
-    median_of_square: float = 0.4549
-    """Median of the square of a normal number of unit variance [1]; derived."""
-
-    adequate: float = 1.5
-    """Misfit per degree of freedom up to which nothing is left; chosen: prediction and noise are known to some ten
-    per cent."""
-
 
 @dataclasses.dataclass(frozen=True)
 class LineLimits:
@@ -377,6 +373,99 @@ class LineLimits:
     """Relative change of the misfit at which a fit ends; chosen."""
 
 
+@dataclasses.dataclass(frozen=True)
+class ForwardLimits:
+    """How lines are fitted to many sweeps, and how noise is measured beside them."""
+
+    values: int = 96_000
+    """Samples that lines are fitted to and held out, at most; chosen: seconds of work."""
+
+    longest: int = 8192
+    """Samples of a sweep that are described, the first ones; chosen: the same."""
+
+    fewest: int = 32
+    """Samples of a sweep from which lines are fitted; chosen."""
+
+    dead: int = 16
+    """Share of a sweep before its first echo, at most one of so many [1]; chosen."""
+
+    doppler: int = 16
+    """Sweeps from which cells of Doppler shift tell noise from what repeats; chosen: half of them hold neither."""
+
+    still: int = 3
+    """Cells of Doppler shift about zero that hold what repeats; derived: the window's main lobe has two."""
+
+    bands: int = 16
+    """Bands of the IF in which noise is measured, at most; chosen."""
+
+    cells: int = 200
+    """Cells of a band, at least; chosen: 7 % of its noise."""
+
+    widest: int = 16
+    """Bins of a band, at least; chosen: more than one line holds."""
+
+    quantile: float = 0.25
+    """Of the powers of cells, from which their noise is first estimated [1]; chosen: lines hold less than the rest."""
+
+    outlier: float = 4.0
+    """Power over that of noise above which a cell does not count as noise [1]; chosen: 2 % of noise is above."""
+
+    rounds: int = 30
+    """Rounds in which that is repeated; chosen."""
+
+    lowest: int = 1
+    """Bins from 0 Hz at which lines and noise begin; derived: a constant holds what is nearer."""
+
+    first: int = 12_000
+    """Samples in which lines are found first, at most; chosen: the rest only refines most of them."""
+
+    sweeps_held: int = 6
+    """Sweeps from which whole ones are held out; chosen."""
+
+    third: int = 3
+    """One sweep of so many is held out; chosen, as for features."""
+
+    blocks: int = 100
+    """Blocks of a sweep of which some are held out where sweeps are few; chosen: shorter than a beat."""
+
+    sweeps_of_tracks: int = 8
+    """Sweeps from which the frequency of a line may move over them; chosen."""
+
+    order: int = 3
+    """Legendre coefficients of a line's frequency over the sweeps; chosen: constant, even and accelerated motion."""
+
+    drift: int = 8
+    """Half cells by which a line may move from mid-recording to its ends, where it is searched; chosen."""
+
+    most: int = 24
+    """Lines, at most; chosen: seconds of work."""
+
+    padding: int = 4
+    """Points of a spectrum per resolution cell; chosen."""
+
+    chance: float = 1e-3
+    """Chance of a cell as strong as the weakest line, over all cells [1]; chosen."""
+
+    step: float = 0.5
+    """Resolution cells by which an iteration moves a line, at most [1]; chosen."""
+
+    each: int = 3
+    """Iterations after each line found; chosen."""
+
+    final: int = 12
+    """Iterations at the end, at most; chosen."""
+
+    halvings: int = 4
+    """Shorter steps tried in each; chosen."""
+
+    settled: float = 1e-5
+    """Relative change of the misfit at which a fit ends [1]; chosen."""
+
+    ridge: float = 1e-10
+    """Relative ridge of the amplitudes of lines [1]; chosen: two at one frequency have no amplitudes of their own."""
+
+
+FORWARD = ForwardLimits()
 MATERIAL = MaterialLimits()
 WINDOW = WindowLimits()
 SHAPE = ShapeLimits()

@@ -48,33 +48,35 @@ class Lines:
     held_out: float  # the same of the blocks held out [LSB^2]
 
 
-def limited_fit(m: Material, found: Limit) -> tuple[Fit, str]:
-    """Return the misfit of lines over the noise, without and with what limits them, and what that means in words.
+def limited_fit(m: Material, found: Limit) -> tuple[Fit, float, str]:
+    """Return the misfit of lines over the noise, without and with what limits them, numbers held out, and it in words.
 
     As many lines as the blocks held out demand with the limit and its high-pass, both as the samples at the limit
     showed them and not fitted; as many again without. The noise is white.
     """
     receiver = Receiver(m.rate, found.level, found.pole[0] if found.pole is not None else 0.0)
     limited = found.at.reshape(-1, *m.signal.shape).any(axis=0).mean(axis=1)
-    after, before, most = [], [], []
-    for sweep in representative_sweeps(m, LINES.items, limited):
+    after, before, most, of = [], [], [], []
+    for sweep, averaged in representative_sweeps(m, LINES.items, limited):
+        of.append(averaged)
         after.append(demanded(joint_lines(sweep, receiver)))
         without = joint_lines(sweep, Receiver(m.rate), len(after[-1].frequency))
         before.append(without[len(after[-1].frequency)])
         most.append(demanded(without))
 
     def over_noise(lines: Sequence[Lines], name: str) -> float:
-        return float(np.mean([getattr(x, name) for x in lines])) / m.noise**2
+        return float(np.mean([n * getattr(x, name) for n, x in zip(of, lines, strict=True)])) / m.white**2
 
     inside, outside = (BeforeAfter(over_noise(before, n), over_noise(after, n)) for n in ('fitted', 'held_out'))
-    left = [m.noise * math.sqrt(over_noise(x, 'held_out')) for x in (after, before, most)]
+    left = [math.sqrt(float(np.mean([x.held_out for x in lines]))) for lines in (after, before, most)]
     behind, them = ('limit and the high-pass', 'them') if found.pole else ('limit', 'it')
     text = (
         f'{_counted(after)} lines before the {behind} found leave {left[0]:.1f} LSB rms of the samples that '
         f'were held out; without {them} {_counted(before)} lines leave {left[1]:.1f}, and {_counted(most)} leave '
         f'{left[2]:.1f}.'
     )
-    return Fit(inside, outside), text
+    held = sum(np.size(x.model) for x in after) / SHAPE.every
+    return Fit(inside, outside), held, text
 
 
 def _counted(found: Sequence[Lines]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..features.extractor import as_complex
 from ..recording.dataset import Dataset
+from .forward.noise import Noise, noise
 from .limits import MATERIAL
 
 
@@ -50,6 +51,19 @@ class Material:
         spread = MATERIAL.mad_to_std * float(np.median(np.abs(difference))) / math.sqrt(70.0)
         return max(spread, 1.0 / math.sqrt(12.0))
 
+    @functools.cached_property
+    def floor(self) -> Noise:
+        """The noise beside all lines: what a misfit is compared with."""
+        return noise(self.signal[:, : self.nominal_end])
+
+    @property
+    def white(self) -> float:
+        """Standard deviation of the noise of each real number [LSB]: the lower of both estimates.
+
+        Lines near the sampling rate raise that from neighbouring samples, lines that spread that beside lines.
+        """
+        return min(self.noise, math.sqrt(self.floor.mean / (2.0 if self.iq else 1.0)))
+
     def decibels(self, amplitude: float) -> float:
         """Return an amplitude [LSB] in dBFS."""
         return 20.0 * math.log10(max(amplitude, 1e-9) / self.full_scale)
@@ -77,8 +91,10 @@ def material(data: Dataset) -> Material:
     )
 
 
-def representative_sweeps(m: Material, most: int, weights: np.ndarray | None = None) -> list[np.ndarray]:
+def representative_sweeps(m: Material, most: int, weights: np.ndarray | None = None) -> list[tuple[np.ndarray, int]]:
     """Return some sweeps (N,) of groups spread over the recording: the mean of a group whose sweeps are alike.
+
+    With each comes the number of sweeps of which it is the mean.
 
     Args:
         m: sweeps.
@@ -87,16 +103,17 @@ def representative_sweeps(m: Material, most: int, weights: np.ndarray | None = N
     """
     groups = np.unique(m.group)
     chosen = groups[np.unique(np.round(np.linspace(0, len(groups) - 1, min(len(groups), most))).astype(int))]
-    items: list[np.ndarray] = []
+    items: list[tuple[np.ndarray, int]] = []
     for number in chosen:
         rows = np.flatnonzero(m.group == number)
         mean = m.signal[rows].mean(axis=0)
         if np.var(mean) > MATERIAL.alike * np.mean(np.var(m.signal[rows], axis=1)):
-            items.append(mean)
+            items.append((mean, len(rows)))
         elif weights is None:
-            items.append(m.signal[rows[0]])
+            items.append((m.signal[rows[0]], 1))
         else:
-            items += list(m.signal[rows[np.argsort(-weights[rows], kind='stable')[: max(most // len(chosen), 1)]]])
+            strongest = rows[np.argsort(-weights[rows], kind='stable')[: max(most // len(chosen), 1)]]
+            items += [(m.signal[row], 1) for row in strongest]
     return items
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
+from scipy import stats
 
 from .limits import MATERIAL, RAILS
 from .material import Material
@@ -123,7 +124,10 @@ def _plateaus(m: Material) -> Limit | None:
     sides = np.array([float(np.median(parts[row, first:last])) for row, first, last in runs]) > 0.0
     level, spread = _level(levels, sides)
     std = max(std, 0.05 * pole)
-    return Limit(level, spread, float(at.mean()), 0.0, at, (pole, std) if coupled else None)
+    # mean of as many absolute values of noise as are independent, below so small a share of the usual one
+    single = float(stats.chi2.cdf(8.0 * RAILS.smooth**2, 8))
+    chance = float(stats.binom.sf(len(runs) - 1, parts.size // RAILS.run, single))
+    return Limit(level, spread, float(at.mean()), chance, at, (pole, std) if coupled else None)
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int, int]]:

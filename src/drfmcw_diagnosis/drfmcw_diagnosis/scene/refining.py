@@ -43,7 +43,7 @@ def write_refined(path: Path, data: Dataset, effects: Sequence[FoundEffect], ben
         full_scale = station['full_scale_power']
         station['rx_antenna_gain'] = float(m.decibels(bent.amplitude / math.sqrt(fading)) + full_scale)
         # a bent line spreads over the bins among which the chain measures noise
-        density = m.decibels(math.sqrt(2.0) * m.noise) + full_scale - 10.0 * math.log10(0.5 * m.rate)
+        density = m.decibels(math.sqrt(2.0) * m.white) + full_scale - 10.0 * math.log10(0.5 * m.rate)
         station['noise_floor'] = float(density + (10.0 * math.log10(0.5) if m.iq else 0.0))
     write_atomically(path, yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=120))
     return str(path)

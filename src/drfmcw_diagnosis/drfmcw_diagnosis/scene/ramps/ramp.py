@@ -22,12 +22,18 @@ class Ramp:
     lines: tuple[Line, ...]  # sweeps, or means of groups of sweeps that are alike
     shape: Shape
     straight: tuple[Score, ...]  # of each line, a straight ramp within the window
+    recorded: np.ndarray  # (N,) the first of the lines, outside its window as well [LSB]
     nominal: float  # held-out rms of a straight line and a constant over the whole record [LSB]
 
     @property
     def fitted(self) -> float:
         """Root mean square of what the shape leaves of the samples fitted [LSB]."""
         return _pooled([s.fitted for s in self.shape.scores])
+
+    @property
+    def white(self) -> float:
+        """Standard deviation of the white noise of the lines [LSB]."""
+        return _pooled([self.material.white / math.sqrt(line.averaged) for line in self.lines])
 
     @property
     def held_out(self) -> float:
@@ -51,6 +57,27 @@ class Ramp:
             self.window.first > delay + WINDOW.least,
             self.window.last < self.material.nominal_end - WINDOW.least,
         )
+
+    @property
+    def beyond(self) -> tuple[float, int]:
+        """Root mean square of what a ramp that goes on beyond the window leaves of the first line there, and of how
+        many samples [LSB]."""
+        m, line, psi = self.material, self.lines[0], self.shape.phase[0]
+        sample = np.arange(m.nominal_end)
+        sample = sample[(sample < line.sample[0]) | (sample > line.sample[-1])]
+        sample = sample[sample > float(np.max(self.shape.delay)) * m.rate + WINDOW.least]
+        if not len(sample):
+            return 0.0, 0
+        span = min(8, len(psi) - 1)
+        early, late = (psi[span] - psi[0]) / span, (psi[-1] - psi[-1 - span]) / span
+        before = psi[0] + early * (sample - line.sample[0])
+        angle = np.where(sample < line.sample[0], before, psi[-1] + late * (sample - line.sample[-1]))
+        linear, place = self.shape.scores[0].linear, np.where(sample < line.sample[0], -1.0, 1.0)
+        constant = legvander(place, SHAPE.constant) @ linear[: SHAPE.constant + 1]
+        at = SHAPE.constant + 1
+        amplitude = legvander(place, SHAPE.amplitude) @ linear[at : at + SHAPE.amplitude + 1]
+        rest = self.recorded[sample] - constant - amplitude * np.cos(angle)
+        return float(np.sqrt(np.mean(rest**2))), len(sample)
 
     def rate(self) -> np.ndarray:
         """Return the relative rate at the samples of the first line; mean 1."""
@@ -114,18 +141,20 @@ def ramp(m: Material) -> Ramp | None:
     if count < SHAPE.fewest_samples:
         return None
     items = representative_sweeps(dataclasses.replace(m, signal=m.signal.real), SHAPE.items)
-    period = _period(items[0][:count])
+    period = _period(items[0][0][:count])
     if not period:
         return None
     bounds = window(m, period)
-    lines = [_line(m, bounds, item) for item in items]
+    lines = [_line(m, bounds, *item) for item in items]
     starts = [followed(line) if len(line.signal) >= SHAPE.fewest_samples else None for line in lines]
     pairs = [(x, s) for x, s in zip(lines, starts, strict=True) if s is not None and s[2] < SHAPE.share]
     if not pairs:
         return None
     shape = learn([x for x, _ in pairs], [s[1] for _, s in pairs])
     straight = tuple(_straight(x, psi) for (x, _), psi in zip(pairs, shape.phase, strict=True))
-    found = Ramp(m, bounds, tuple(x for x, _ in pairs), shape, straight, _nominal(items[0][:count], period))
+    found = Ramp(
+        m, bounds, tuple(x for x, _ in pairs), shape, straight, items[0][0], _nominal(items[0][0][:count], period)
+    )
     turns = min(abs(float(psi[-1] - psi[0])) for psi in shape.phase) / (2.0 * np.pi)
     clear = 2.0 * found.held_out**2 < SHAPE.rest * found.amplitude**2
     return found if clear and turns > SHAPE.fewest_turns - 1.0 else None
@@ -151,12 +180,12 @@ def _period(signal: np.ndarray) -> float:
     return count / peak if np.sum(power[max(peak - 6, 0) : peak + 7]) > SHAPE.strong * np.sum(power[2:]) else 0.0
 
 
-def _line(m: Material, bounds: Window, signal: np.ndarray) -> Line:
+def _line(m: Material, bounds: Window, signal: np.ndarray, averaged: int) -> Line:
     sample = np.arange(bounds.first, bounds.last)
     frequency = m.start_frequency + m.bandwidth * (sample - bounds.begins) / bounds.length
     if m.bandwidth < 0.0:  # a falling ramp: the same phases over rising distances from its start
         frequency = m.start_frequency - m.bandwidth * (sample - bounds.begins) / bounds.length
-    return Line(signal[sample], frequency, sample)
+    return Line(signal[sample], frequency, sample, averaged)
 
 
 def _nominal(signal: np.ndarray, period: float) -> float:

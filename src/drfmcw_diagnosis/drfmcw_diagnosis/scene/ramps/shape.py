@@ -23,6 +23,7 @@ class Line:
     signal: np.ndarray  # (n,) real [LSB]
     frequency: np.ndarray  # (n,) nominal frequency of the ramp at each sample [Hz]
     sample: np.ndarray  # (n,) numbers of the samples
+    averaged: int = 1  # sweeps of which it is the mean
 
     @property
     def held(self) -> np.ndarray:
