@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
-from ..finding.result import Estimate, FoundEffect, Location
+from ..finding.result import Estimate, Explanation, FoundEffect, Location
+from ..search.bank import Candidate
 from .background import Background, gain
 from .bursts import Bursts
+from .forward.model import Straight
+from .forward.naming import Named
 from .images import Image
 from .limits import JUDGE, SIDES
 from .material import Material
@@ -149,6 +153,53 @@ def of_image(found: Image, m: Material) -> Evidence:
     at = Location('if_spectrum', m.station, 'if_frequency', -0.5 * m.rate, 0.5 * m.rate, math.nan)
     text = f'{found.lines} cells of range and velocity have an image of {20.0 * math.log10(abs(found.ratio)):.1f} dB.'
     return Evidence((_effect('image', m, parameters, gained),), (at,), (text,))
+
+
+def of_named(found: Named, alone: Straight, m: Material) -> Evidence:
+    """Return the effects that the forward model of all lines demands."""
+    kinds = zip(found.fitted.candidates, found.fitted.std, found.gains, found.chances, strict=True)
+    effects = tuple(_of_candidate(c, std, gain, chance, m) for c, std, gain, chance in kinds)
+    before, after = alone.held_out.per_freedom, found.outside.per_freedom
+    share = float(np.clip((before - after) / max(before - 1.0, 1e-9), 0.0, 1.0))
+    at = Location('if_samples', m.station, 'ramp_time', 0.0, m.nominal_end / m.rate, share)
+    text = (
+        f'{len(alone.tracks)} lines of a straight ramp leave {before:.3g} times the noise of what was held out; '
+        f'{len(found.fitted.tracks)} lines with what is named leave {after:.3g} times. All lines show the same effect, '
+        'each by its delay.'
+    )
+    return Evidence(effects, (at,), (text,))
+
+
+def alternatives(found: Named, m: Material) -> tuple[Explanation, ...]:
+    """Return the explanations that are not much worse."""
+    return tuple(
+        Explanation(
+            tuple(
+                _of_candidate(c, std, gain, chance, m)
+                for c, std, gain, chance in zip(x.candidates, x.std, found.gains, found.chances, strict=True)
+            ),
+            sum(found.gains) - worse,
+        )
+        for x, worse in found.rivals
+    )
+
+
+def _of_candidate(c: Candidate, std: dict[str, float], gain: float, chance: float, m: Material) -> FoundEffect:
+    units = {name: declared.unit for name, (_, declared) in declared_parameters(c.kind).items()}
+    parameters = {
+        name: Estimate(value, std.get(name, math.nan), units[name.partition('[')[0]])
+        for name, value in c.values.items()
+    }
+    return FoundEffect(c.effect, m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))
+
+
+def of_multiples() -> Evidence:
+    """Say what lines at multiples of the strongest one may be."""
+    said = (
+        'The weaker lines stand at multiples of the frequency of the strongest one: a receiver that is not linear, or '
+        'returns from multiples of its distance. No effect of the registry describes them better than such lines.'
+    )
+    return Evidence((), (), (said,))
 
 
 def of_background(found: Background, moving: Track | None, m: Material) -> Evidence:

@@ -8,23 +8,38 @@ from pathlib import Path
 import numpy as np
 
 from drfmcw_sim.effects import Effect
+from drfmcw_sim.synthesis.measured import write_measured
 
-from ..finding.result import BeforeAfter, Diagnosis, Explanation, Fit, Location, Remainder, Series
+from ..finding.measured import MODEL
+from ..finding.result import Diagnosis, Explanation, Fit, Location, Remainder, Series
 from ..finding.wording import sentences
 from ..recording.dataset import Dataset
-from .background import background
+from .background import Background, background
 from .bursts import Bursts, bursts
-from .evidence import Evidence, of_background, of_bursts, of_image, of_limit, of_ramp, of_side, shown_by
-from .forward.misfit import tail
-from .forward.model import scattered, scene, straight
-from .images import Image, image, measured
-from .limits import BURSTS, FORWARD, JUDGE
-from .lines import limited_fit
+from .evidence import (
+    Evidence,
+    alternatives,
+    of_background,
+    of_bursts,
+    of_image,
+    of_limit,
+    of_multiples,
+    of_named,
+    of_ramp,
+    of_side,
+    shown_by,
+)
+from .forward import outcome
+from .forward.model import multiples, scene, straight
+from .forward.naming import Named, named, searched
+from .images import Image, image
+from .images import measured as measured_image
+from .limits import JUDGE, NAMING
 from .material import Material, material
-from .rails import Limit, limit
+from .rails import limit
 from .ramps.ramp import Ramp, ramp
 from .ramps.shared import together
-from .refining import write_refined
+from .refining import described_remainder, measured, write_refined
 from .track import track
 
 
@@ -58,46 +73,67 @@ def examine(
     """
     m = material(data)
     single, at_zero = _alone(m)
-    accepted = false_alarm_rate / sum(bool(kind.evidence) for kind in Effect.registry.values())
+    accepted = false_alarm_rate / (
+        sum(bool(kind.evidence) for kind in Effect.registry.values()) + len(searched(without))
+    )
     found: list[Evidence] = []
+    result: outcome.Outcome | None = None
     limited = None if single or shown_by('limit') in without else limit(m)
-    outcome = None
     if limited is not None:
-        outcome, said = _limited(m, limited)
-        found += [of_limit(limited, m, outcome.gain), Evidence((), (), (said,))]
+        result, said = outcome.of_limit(m, limited)
+        found += [of_limit(limited, m, result.gain), Evidence((), (), (said,))]
     bursting = None
     if not single and limited is None and shown_by('bursts') not in without:
         bursting = bursts(m)
     if bursting is not None:
-        outcome = _bursting(m, bursting, accepted)
-        if outcome is None:
+        result = outcome.of_bursts(m, bursting, accepted)
+        if result is None:
             bursting = None
         else:
-            found.append(of_bursts(bursting, m, outcome.gain))
+            found.append(of_bursts(bursting, m, result.gain))
     bent = (shared or ramp(m)) if limited is None and bursting is None else None
-    if bent is not None and (bent.bends or any(bent.narrower)):
-        found.append(_kept(of_ramp(bent), without))
     imaged = image(_without(bursting, m)) if shown_by('image') not in without else None
     if imaged is not None:
         found.append(of_image(imaged, m))
-    if (single or at_zero) and not any(e.effects for e in found):
+    lines = scene(m) if result is None else None
+    alone = straight(lines) if lines is not None else None
+    effects = None
+    if alone is not None and not (bent is not None and any(bent.narrower)):
+        failing = alone.held_out.probability < false_alarm_rate
+        if single:  # lines beside the one may be what an effect does to it
+            bends = bent is not None and bent.bends
+            asked = bends or alone.held_out.per_freedom > JUDGE.strong or (not failing and len(alone.tracks) > 1)
+        else:
+            asked = failing or len(alone.tracks) > NAMING.lines
+        if asked and (imaged is None or not single):
+            effects = named(alone, accepted, without)
+            if effects is not None and single and effects.outside.probability < false_alarm_rate:
+                effects = None
+    if effects is not None and alone is not None:
+        bent = None
+        result = outcome.of_lines(alone, effects)
+        found.append(of_named(effects, alone, m))
+    elif bent is not None and (bent.bends or any(bent.narrower)):
+        found.append(_kept(of_ramp(bent), without))
+        result = outcome.of_ramp(bent)
+    harmonics = alone is not None and effects is None and multiples(alone)
+    if harmonics:
+        found.append(of_multiples())
+    elif (single or at_zero) and not any(e.effects for e in found):
         return None
     repeated = None if single else background(m)
     if repeated is not None:
         found.append(_kept(of_background(repeated, track(m, repeated.mean), m), without))
     found = [_beyond_chance(e, accepted) for e in found]
     found.append(of_side(m))
-    if outcome is None and bent is not None and any(e.effects for e in found):
-        outcome = _ramped(bent)
-    if outcome is None:
-        outcome = _straight(m)
-    return _diagnosis(data, m, found, outcome, bent, false_alarm_rate, out, command)
+    result = result or outcome.of_lines(alone)
+    return _diagnosis(data, m, found, result, bent, repeated, effects, false_alarm_rate, out, command)
 
 
 def own_image(data: Dataset) -> Image | None:
     """Return what stands at the images of the strongest lines outside bursts, whether it is an effect or not."""
     m = material(data)
-    return measured(_without(bursts(m), m))
+    return measured_image(_without(bursts(m), m))
 
 
 def _without(found: Bursts | None, m: Material) -> Material:
@@ -134,95 +170,53 @@ def _alone(m: Material) -> tuple[bool, bool]:
     return held > JUDGE.single * whole, float(power.sum()) < (1.0 - JUDGE.single) * whole
 
 
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """Misfit per degree of freedom without and with what was found, and the chance of what is left."""
-
-    fit: Fit
-    chance: float  # of the misfit that is left on what was held out; NaN where it was not tested
-    gain: float = 0.0  # of the logarithm of the likelihood of what was held out
-    untested: str = ''  # what no test was made of, and why
-
-
-def _straight(m: Material) -> Outcome:
-    """Return what the lines of a straight ramp leave."""
-    held = scene(m)
-    if held is None:
-        nothing = BeforeAfter(math.nan, math.nan)
-        said = f"Fewer than {FORWARD.fewest} samples of a sweep, or none but zeros: the scene's lines are not tested."
-        return Outcome(Fit(nothing, nothing), math.nan, untested=said)
-    found = straight(held)
-    inside, outside = (BeforeAfter(x.per_freedom, x.per_freedom) for x in (found.fitted, found.held_out))
-    return Outcome(Fit(inside, outside), found.held_out.probability)
-
-
-def _bursting(m: Material, found: Bursts, accepted: float) -> Outcome | None:
-    """Return what lines and bursts leave, None where the bursts are no noise of their own."""
-    held = scene(m, found.at)
-    if held is None:
-        return None
-    fitted = straight(held)
-    scatter = scattered(fitted)
-    if scatter.above < BURSTS.above or math.exp(-min(scatter.gain, 690.0)) > accepted:
-        return None
-    inside = BeforeAfter(fitted.fitted.per_freedom, fitted.fitted.per_freedom)
-    return Outcome(Fit(inside, BeforeAfter(scatter.before, scatter.after)), fitted.held_out.probability, scatter.gain)
-
-
-def _limited(m: Material, found: Limit) -> tuple[Outcome, str]:
-    """Return what lines behind a limit leave, and that in words."""
-    fit, count, said = limited_fit(m, found)
-    gain = 0.5 * count * math.log(fit.held_out.before / fit.held_out.after)
-    return Outcome(fit, tail(fit.held_out.after, count, m.floor.freedom), max(gain, 0.0)), said
-
-
-def _ramped(found: Ramp) -> Outcome:
-    """Return what the ramp that was learnt leaves of its lines."""
-    m = found.material
-    before, inside, outside = ((x / found.white) ** 2 for x in (found.nominal, found.fitted, found.held_out))
-    count = float(sum(line.held.sum() for line in found.lines))
-    chance = tail(outside, count, m.floor.freedom)
-    return Outcome(Fit(BeforeAfter(before, inside), BeforeAfter(before, outside)), chance)
-
-
 def _diagnosis(
     data: Dataset,
     m: Material,
     found: list[Evidence],
-    outcome: Outcome,
+    result: outcome.Outcome,
     bent: Ramp | None,
+    repeated: Background | None,
+    others: Named | None,
     false_alarm_rate: float,
     out: Path | None,
     command: str,
 ) -> Diagnosis:
     effects = tuple(e for evidence in found for e in evidence.effects)
-    fit = outcome.fit
-    after = fit.held_out.after if math.isfinite(fit.held_out.after) else fit.fitted.after
-    before = fit.held_out.before if math.isfinite(fit.held_out.before) else fit.fitted.before
-    left = not outcome.chance >= false_alarm_rate
+    fit = result.fit
+    left = not result.chance >= false_alarm_rate
     if effects:
-        verdict = 'partial' if left else 'explained'
+        verdict = 'partial' if left else 'ambiguous' if others is not None and others.rivals else 'explained'
     else:
         verdict = 'unexplained' if left else 'consistent'
     explanation = Explanation(effects, sum(e.log_evidence_gain for e in effects)) if effects else None
     located = tuple(x for evidence in found for x in evidence.locations)
     everywhere = Location('if_samples', m.station, 'ramp_time', 0.0, m.signal.shape[1] / m.rate, 1.0)
-    remainder = None
-    if left and effects:
+    remainder, refined = None, None
+    if left:
+        learnt = measured(data, m, repeated, effects) if repeated is not None else None
+        model = None
+        if out is not None:
+            Path(out).mkdir(parents=True, exist_ok=True)
+            model = str(Path(out) / MODEL) if learnt is not None else None
+            if learnt is not None and model is not None:
+                write_measured(model, learnt)
+        before, after = _judged(fit)
         share = float(np.clip((after - 1.0) / (before - 1.0), 0.0, 1.0)) if before > max(after, 1.0) else 1.0
-        remainder = Remainder(outcome.chance, share, (everywhere,))
-    refined = None
-    if out is not None and effects:
+        described = described_remainder(repeated, m) if repeated is not None else None
+        remainder = Remainder(result.chance, share, (everywhere,), described, model)
+    if out is not None and (effects or remainder is not None):
         Path(out).mkdir(parents=True, exist_ok=True)
-        refined = write_refined(Path(out) / 'refined.yaml', data, effects, bent)
+        own = remainder is not None and remainder.model is not None
+        refined = write_refined(Path(out) / 'refined.yaml', data, effects, bent, m if own else None)
     diagnosis = Diagnosis(
         recording=data.path,
         verdict=verdict,
-        significance=min([*(e.p_value for e in effects), outcome.chance]),
+        significance=min([*(e.p_value for e in effects), result.chance]),
         false_alarm_rate=false_alarm_rate,
         locations=located or ((everywhere,) if left else ()),
         explanation=explanation,
-        alternatives=(),
+        alternatives=alternatives(others, m) if others is not None else (),
         next_measurement=None,
         fit=fit,
         refined_config=refined,
@@ -231,7 +225,7 @@ def _diagnosis(
             *(text for evidence in found for text in evidence.undetermined),
             'A scene of several lines has no nominal model: its lines come from the samples, and only what receiver '
             'and ramp do to them is searched for.',
-            *((outcome.untested,) if outcome.untested else ()),
+            *((result.untested,) if result.untested else ()),
         ),
         sentences=tuple(text for evidence in found for text in evidence.sentences),
         series=_series(bent) if bent is not None and bent.bends else (),
@@ -240,6 +234,12 @@ def _diagnosis(
         scene={name: value for evidence in found for name, value in evidence.figures.items()} or None,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
+
+
+def _judged(fit: Fit) -> tuple[float, float]:
+    """Return the misfits without and with what was found, of what was held out where something was."""
+    shown = fit.held_out if math.isfinite(fit.held_out.after) else fit.fitted
+    return shown.before, shown.after
 
 
 def _series(found: Ramp) -> tuple[Series, ...]:

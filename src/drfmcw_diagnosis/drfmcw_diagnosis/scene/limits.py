@@ -264,6 +264,12 @@ class BackgroundLimits:
     above: float = 12.0
     """Level of leakage over the strongest line, at least [dB]; chosen: receivers have a constant of their own."""
 
+    times: int = 512
+    """Sweeps whose samples a measured remainder holds, at most, spread over the recording; chosen."""
+
+    silent: float = -150.0
+    """Gain of an antenna that hears nothing beside a measured remainder [dBi]; chosen."""
+
     components: int = 6
     """Patterns over the ramp that vary from sweep to sweep, at most; chosen."""
 
@@ -308,6 +314,10 @@ class SideLimits:
 @dataclasses.dataclass(frozen=True)
 class JudgeLimits:
     """When a scene is judged, and how."""
+
+    strong: float = 30.0
+    """Misfit per degree of freedom of one line on a straight ramp, above which its samples are searched as well as its
+    features; chosen: their search takes seconds, and features of what is no line mislead."""
 
     certain: float = 1e-300
     """Chance that is stated at least [1]; chosen: smaller ones are no numbers."""
@@ -461,10 +471,125 @@ class ForwardLimits:
     settled: float = 1e-5
     """Relative change of the misfit at which a fit ends [1]; chosen."""
 
+    still_there: float = 1e-4
+    """Resolution cells by which a line may move for what effects do to it to stay the same; chosen."""
+
+    apart: float = 0.05
+    """Resolution cells over which the change of what effects do is taken; chosen."""
+
+    fixed_points: int = 3
+    """Rounds in which lines in front of a receiver that is not linear are found; chosen."""
+
+    damping: float = 1e-4
+    """Of Levenberg and Marquardt's method where a fit of effects begins [1]; chosen."""
+
+    gentle: float = 0.1
+    """Step of a numerical derivative over that of the effect's recipe [1]; chosen: lines are known better."""
+
+    trials: int = 6
+    """Steps tried in each iteration; chosen."""
+
     ridge: float = 1e-10
     """Relative ridge of the amplitudes of lines [1]; chosen: two at one frequency have no amplitudes of their own."""
 
 
+@dataclasses.dataclass(frozen=True)
+class WarpLimits:
+    """Where a search for what bends the ramp begins."""
+
+    values: int = 1500
+    """Samples looked at, at most, but one sweep; chosen."""
+
+    finer: int = 4
+    """Points between which sweeps are interpolated, per sample; chosen."""
+
+    held: float = 0.98
+    """Share of the power below the highest frequency of lines [1]; chosen."""
+
+    reference: float = 0.05
+    """Frequency of the line whose phase shows what an effect does [1 / sample]; chosen."""
+
+    weakest: float = 0.4
+    """Phase by which the weakest bend turns the highest line [rad]; chosen: weaker ones need no such start."""
+
+    steepest: float = 0.6
+    """Relative error of the ramp's rate, at most [1]; chosen."""
+
+    ratio: float = 0.5
+    """Logarithm of the ratio of neighbouring sizes; chosen."""
+
+    even: float = 2.5
+    """Phase of the highest line between neighbouring sizes, where the ratio is finer [rad]; chosen."""
+
+    polished: int = 2
+    """Starts of one kind that are refined; chosen."""
+
+    slow: float = 4.0
+    """Periods of a ripple in a ramp below which neighbours are half as far apart; chosen: it may be strong."""
+
+    slowest: float = 0.5
+    """Periods of a ripple in a ramp, at least; chosen."""
+
+    fastest: float = 40.0
+    """The same, at most; chosen."""
+
+    step: float = 0.5
+    """The same, between neighbours; derived: half a resolution cell."""
+
+    sharper: float = 1e-3
+    """Fall of that measure from which on a start is refined; chosen."""
+
+    near: float = 0.1
+    """Relative change of parameters in which the sharpest are looked for at first [1]; chosen."""
+
+    trials: int = 80
+    """Parameters tried; chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class NamingLimits:
+    """When an effect of the forward model is named."""
+
+    values: int = 6_000
+    """Samples on which kinds of effects are compared, at most but two sweeps; chosen."""
+
+    lines: int = 8
+    """Lines with which kinds of effects are compared, at most; chosen."""
+
+    weak: float = 0.25
+    """Amplitude of a line over the strongest up to which it may be what an effect does to others [1]; chosen."""
+
+    rounds: int = 8
+    """Iterations of a fit among them, at most; chosen."""
+
+    final: int = 12
+    """Iterations of the fit to all sweeps; chosen."""
+
+    near: float = 100.0
+    """Twice the logarithm of the likelihood by which a kind may be worse on some sweeps and be tried; chosen."""
+
+    curves: int = 2
+    """Free curves of the ramp's rate that are compared, those of the fewest coefficients; chosen."""
+
+    finalists: int = 3
+    """Kinds of effects that are tried on what is held out; chosen."""
+
+    effects: int = 2
+    """Effects at once; chosen."""
+
+    halved: float = 0.5
+    """Share of the excess misfit that an effect must take away [1]; chosen: shapes which only sharpen what is not
+    understood take away less."""
+
+    rival: float = 7.0
+    """Logarithm of the likelihood by which another explanation may be worse and still be listed; derived: 1 of 1000."""
+
+    gain: float = 6.0
+    """Logarithm of the likelihood per parameter from which on a candidate is refined; chosen."""
+
+
+NAMING = NamingLimits()
+WARPS = WarpLimits()
 FORWARD = ForwardLimits()
 MATERIAL = MaterialLimits()
 WINDOW = WindowLimits()

@@ -52,11 +52,13 @@ def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise) -> M
     return Misfit(ratio, freedom, chance, tuple(tests))
 
 
-def of_blocks(s: Sweeps, found: Solved, held: np.ndarray, slopes: np.ndarray, floor: Noise) -> Misfit:
+def of_blocks(
+    s: Sweeps, found: Solved, held: np.ndarray, slopes: np.ndarray, floor: Noise, whole: np.ndarray | None = None
+) -> Misfit:
     """Return the misfit of samples (N,) that were held out in each sweep.
 
     What a fit to the other samples predicts there has errors of its own: of each column that was fitted, `slopes`
-    (n, P, N) of what the frequencies change among them.
+    (n, P, N) of what the frequencies change among them. `whole` (n, N) is what the receiver makes of the lines.
     """
     parts = 2.0 if s.iq else 1.0
     ones = np.ones((len(found.waves), 1, found.waves.shape[2]))
@@ -68,7 +70,7 @@ def of_blocks(s: Sweeps, found: Solved, held: np.ndarray, slopes: np.ndarray, fl
     normal = normal + np.einsum('nk,kl->nkl', 1e-9 * scale + 1e-12, np.eye(normal.shape[1]))
     leverage = np.einsum('nka,nkl,nla->na', asked.conj(), np.linalg.inv(normal).conj(), asked).real
     expected = floor.mean * float(np.sum(1.0 + leverage))
-    left = (s.signal - found.model)[:, held]
+    left = (s.signal - (found.model if whole is None else whole))[:, held]
     ratio = float(np.sum(np.abs(left) ** 2)) / expected
     freedom = parts * left.size * floor.evenness / float(np.mean(1.0 + leverage))
     chance = tail(ratio, freedom, floor.freedom)

@@ -88,6 +88,22 @@ def straight(s: Scene) -> Straight:
     return Straight(s, found, *judged(s, found))
 
 
+def multiples(found: Straight) -> bool:
+    """Return whether lines describe all, and the weaker ones stand at multiples of the strongest one's frequency."""
+    s, lines_ = found.scene, found.tracks
+    if len(lines_) < 2 or found.held_out.probability < FORWARD.chance:
+        return False
+    size = np.mean(np.abs(solve(s.fitted, lines_).phasor) ** 2, axis=0)
+    frequency = lines_.frequency[:, 0]
+    first = frequency[int(np.argmax(size))]
+    orders = np.array([-3, -2, 2, 3]) if s.material.iq else np.array([2, 3])
+    expected = (orders * first + 0.5) % 1.0 - 0.5
+    if not s.material.iq:
+        expected = np.abs(expected)
+    apart = np.abs(np.delete(frequency, int(np.argmax(size)))[:, None] - expected).min(axis=1)
+    return bool(np.all(apart < 1.0 / len(s.held)))
+
+
 def judged(s: Scene, tracks: Tracks) -> tuple[Misfit, Misfit]:
     """Return the misfit of lines on the samples fitted and on those held out."""
     own = solve(s.fitted, tracks)

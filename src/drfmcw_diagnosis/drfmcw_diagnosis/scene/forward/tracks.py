@@ -97,14 +97,14 @@ def solve(s: Sweeps, tracks: Tracks, shaping: Shaping | None = None, signal: np.
     return Solved(phasor, weights[:, 0], model, own, design, inverse)
 
 
-def refined(s: Sweeps, tracks: Tracks, rounds: int, shaping: Shaping | None = None) -> Tracks:
+def refined(s: Sweeps, tracks: Tracks, rounds: int) -> Tracks:
     """Return lines with all frequencies fitted together (Gauss and Newton, amplitudes projected out)."""
     if not len(tracks):
         return tracks
     order = tracks.frequency.shape[1]
     b = basis(s.place, order)
     most = FORWARD.step / s.signal.shape[1]
-    found = solve(s, tracks, shaping)
+    found = solve(s, tracks)
     cost = _cost(s, found)
     for _ in range(rounds):
         slopes = found.waves * (2j * np.pi * s.time) * found.phasor[..., None]
@@ -121,7 +121,7 @@ def refined(s: Sweeps, tracks: Tracks, rounds: int, shaping: Shaping | None = No
         step = np.clip(step.reshape(len(tracks), order), -most, most)
         for _ in range(FORWARD.halvings):
             trial = Tracks(tracks.frequency + step)
-            again = solve(s, trial, shaping)
+            again = solve(s, trial)
             after = _cost(s, again)
             if after < cost:
                 break
@@ -144,26 +144,23 @@ def lines(
     floor: Noise,
     order: int = 1,
     known: Tracks | None = None,
-    shaping: Shaping | None = None,
-    unshaping: Callable[[np.ndarray], np.ndarray] | None = None,
+    most: int = FORWARD.most,
 ) -> Tracks:
     """Return as many lines as the sweeps demand, whose frequencies have so many coefficients.
 
     Each begins at the strongest cell, of frequency and of its drift over the sweeps, of what the others leave, if noise
-    has such a cell with a small chance; then all are refined together. `unshaping` turns sweeps (n, N) of what is left
-    into such in which lines are straight.
+    has such a cell with a small chance; then all are refined together.
     """
     found = known if known is not None else Tracks(np.zeros((0, order)))
-    while len(found) < FORWARD.most:
-        rest = (s.signal - solve(s, found, shaping).model) * s.used
-        start = _strongest(s, rest if unshaping is None else unshaping(rest), floor, order)
+    while len(found) < most:
+        start = strongest(s, (s.signal - solve(s, found).model) * s.used, floor, order)
         if start is None:
             break
-        found = refined(s, Tracks(np.vstack([found.frequency, start])), FORWARD.each, shaping)
-    return refined(s, found, FORWARD.final, shaping)
+        found = refined(s, Tracks(np.vstack([found.frequency, start])), FORWARD.each)
+    return refined(s, found, FORWARD.final)
 
 
-def _strongest(s: Sweeps, rest: np.ndarray, floor: Noise, order: int) -> np.ndarray | None:
+def strongest(s: Sweeps, rest: np.ndarray, floor: Noise, order: int) -> np.ndarray | None:
     """Return Legendre coefficients (order,) of the strongest line in what is left, None where noise has as strong."""
     count, length = rest.shape
     padded = FORWARD.padding * length

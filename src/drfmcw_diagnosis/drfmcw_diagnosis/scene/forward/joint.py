@@ -1,0 +1,190 @@
+"""Effects fitted together with the lines on which they act."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from drfmcw_physics.settings import declared_parameters
+
+from ...search.bank import Candidate
+from ..limits import FORWARD
+from .misfit import Misfit, of_blocks, of_sweeps
+from .model import Scene
+from .simulated import Simulated
+from .tracks import Solved, Sweeps, Tracks, basis, solve, strongest
+from .warps import resampled
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """Lines and effects."""
+
+    tracks: Tracks
+    candidates: tuple[Candidate, ...]  # with the values fitted
+    misfit: float  # mean square left of the samples fitted over that of noise
+    std: tuple[dict[str, float], ...] = ()  # of each effect's parameters
+
+
+def simulated(s: Scene, candidates: Sequence[Candidate]) -> Simulated:
+    """Return the effects with their values."""
+    return Simulated(s.material, s.first, len(s.held), [c.build() for c in candidates])
+
+
+def modelled(sweeps: Sweeps, tracks: Tracks, acting: Simulated) -> tuple[Solved, np.ndarray]:
+    """Return the lines with their amplitudes, and what the receiver makes of them (n, N)."""
+    shaping = acting.factors if acting.shaping else None
+    found = solve(sweeps, tracks, shaping)
+    if not acting.receiving:
+        return found, found.model
+    whole = acting.received(found.model)
+    for _ in range(FORWARD.fixed_points):
+        found = solve(sweeps, tracks, shaping, sweeps.signal - (whole - found.model))
+        whole = acting.received(found.model)
+    return found, whole
+
+
+def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate], rounds: int) -> Fitted:
+    """Return lines and all free parameters of effects fitted together (Levenberg and Marquardt)."""
+    names = [(i, name) for i, c in enumerate(candidates) for name in c.free if name in c.values]
+    point = np.array([candidates[i].values[name] for i, name in names])
+    order = tracks.frequency.shape[1]
+    b = basis(sweeps.place, order)
+    most = FORWARD.step / sweeps.signal.shape[1]
+
+    def with_values(values: np.ndarray) -> list[Candidate]:
+        changed = [dict(c.values) for c in candidates]
+        for (i, name), value in zip(names, values, strict=True):
+            changed[i][name] = float(value)
+        return [c.moved(**v) for c, v in zip(candidates, changed, strict=True)]
+
+    def attempt(values: np.ndarray, at: Tracks) -> tuple[float, Solved, np.ndarray] | None:
+        try:
+            found, whole = modelled(sweeps, at, simulated(s, with_values(values)))
+        except (ValueError, FloatingPointError):
+            return None
+        cost = float(np.sum(np.abs((sweeps.signal - whole)[sweeps.used]) ** 2))
+        return (cost, found, whole) if np.isfinite(cost) else None
+
+    bounds = [_bounds(candidates[i], name) for i, name in names]
+    low, high = (np.array([x[k] for x in bounds]) for k in (0, 1))
+    first = attempt(point, tracks)
+    if first is None:
+        return Fitted(tracks, tuple(candidates), np.inf)
+    cost, found, whole = first
+    damping, covariance = FORWARD.damping, np.zeros((len(names), len(names)))
+    lines = len(tracks)
+    for _ in range(rounds):
+        slopes = [found.waves * (2j * np.pi * sweeps.time) * found.phasor[..., None]]
+        columns = []
+        fixed = found.phasor, found.constant
+        for k, (i, name) in enumerate(names):
+            step = candidates[i].recipe.step(name, point[k]) * FORWARD.gentle
+            step = step if point[k] + step <= high[k] else -step
+            moved = point.copy()
+            moved[k] += step
+            columns.append((_with(sweeps, tracks, simulated(s, with_values(moved)), *fixed) - whole) / step)
+        jacobian = slopes[0] if sweeps.iq else slopes[0].real
+        if columns:
+            jacobian = np.concatenate([jacobian, np.stack(columns, axis=1)], axis=1)
+        jacobian = jacobian * sweeps.used[:, None, :]
+        across = np.matmul(jacobian, found.design.conj().swapaxes(1, 2))
+        beside = jacobian - np.matmul(np.matmul(across, found.inverse), found.design)
+        left = (sweeps.signal - whole) * sweeps.used
+        gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
+        normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
+        full, right = _assembled(normal, gradient, b, lines)
+        scale = np.sqrt(np.maximum(np.diag(full), 1e-30))
+        scaled = full / np.outer(scale, scale)
+        improved = False
+        for _ in range(FORWARD.trials):
+            step_all = np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale
+            change = np.clip(step_all[: lines * order].reshape(lines, order), -most, most)
+            values = np.clip(point + step_all[lines * order :], low, high)
+            trial = attempt(values, Tracks(tracks.frequency + change))
+            if trial is not None and trial[0] < cost:
+                improved = True
+                break
+            damping *= 10.0
+        inverse = np.linalg.pinv(scaled + 1e-12 * np.eye(len(scale))) / np.outer(scale, scale)
+        covariance = inverse[lines * order :, lines * order :]
+        if not improved or trial is None:
+            break
+        settled = cost - trial[0] < FORWARD.settled * cost
+        tracks, point = Tracks(tracks.frequency + change), values
+        cost, found, whole = trial
+        damping = max(damping / 10.0, 1e-7)
+        if settled:
+            break
+    parts = 2.0 if sweeps.iq else 1.0
+    each = s.floor.mean / parts
+    count = parts * float(sweeps.used.sum())
+    misfit = cost / each / count
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0) * each * max(misfit, 1.0))
+    std: list[dict[str, float]] = [{} for _ in candidates]
+    for (i, name), value in zip(names, spread, strict=True):
+        std[i][name] = float(value)
+    return Fitted(tracks, tuple(with_values(point)), misfit, tuple(std))
+
+
+def _with(sweeps: Sweeps, tracks: Tracks, acting: Simulated, phasor: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    """Return the samples of lines of known amplitudes (n, N)."""
+    turning = np.exp(2j * np.pi * tracks.at(sweeps.place)[..., None] * sweeps.time)
+    if acting.shaping:
+        turning = turning * acting.factors(tracks.at(sweeps.place))
+    heard = np.matmul(phasor[:, None, :], turning)[:, 0] + constant[:, None]
+    return acting.received(heard if sweeps.iq else heard.real)
+
+
+def _assembled(normal: np.ndarray, gradient: np.ndarray, b: np.ndarray, lines: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal matrix and right side for tracks and parameters, of those of each sweep."""
+    order, count = b.shape[1], normal.shape[1] - lines
+    tt = np.einsum('na,nb,nlm->lamb', b, b, normal[:, :lines, :lines]).reshape(order * lines, order * lines)
+    tp = np.einsum('na,nlm->lam', b, normal[:, :lines, lines:]).reshape(order * lines, count)
+    pp = normal[:, lines:, lines:].sum(axis=0)
+    full = np.block([[tt, tp], [tp.T, pp]])
+    right = np.concatenate([np.einsum('na,nl->la', b, gradient[:, :lines]).ravel(), gradient[:, lines:].sum(axis=0)])
+    return full, right
+
+
+def _bounds(candidate: Candidate, name: str) -> tuple[float, float]:
+    """Return the declared bounds of a parameter, those of its recipe where narrower."""
+    base = name.partition('[')[0]
+    low, high = declared_parameters(candidate.kind)[base][1].bounds or (-np.inf, np.inf)
+    own = candidate.recipe.limits.get(base, (low, high))
+    return max(low, own[0]), min(high, own[1])
+
+
+def with_lines(
+    s: Scene, sweeps: Sweeps, found: Fitted, most: int, later: np.ndarray | None = None, rounds: int = 2
+) -> Fitted:
+    """Return the fit with as many further lines as the sweeps demand, `most` in all.
+
+    `later` (N,) [samples] makes the time of the sweeps one in which lines are straight.
+    """
+    order = found.tracks.frequency.shape[1]
+    while len(found.tracks) < most:
+        _, whole = modelled(sweeps, found.tracks, simulated(s, found.candidates))
+        rest = (sweeps.signal - whole) * sweeps.used
+        start = strongest(sweeps, rest if later is None else resampled(rest, later), s.floor, order)
+        if start is None:
+            break
+        tracks = Tracks(np.vstack([found.tracks.frequency, start]))
+        again = fit(s, sweeps, tracks, found.candidates, rounds)
+        if not again.misfit < found.misfit:
+            break
+        found = again
+    return found
+
+
+def judged(s: Scene, found: Fitted) -> tuple[Misfit, Misfit]:
+    """Return the misfits of the samples fitted and of those held out."""
+    acting = simulated(s, found.candidates)
+    own, whole = modelled(s.fitted, found.tracks, acting)
+    parameters = (2.0 if s.material.iq else 1.0) + 2.0 * len(found.tracks)
+    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor)
+    if s.by_sweeps:
+        _, outside = modelled(s.held_out, found.tracks, acting)
+        return inside, of_sweeps(s.held_out, s.held_out.signal - outside, parameters, s.floor)
+    slopes = own.waves * (2j * np.pi * s.fitted.time) * own.phasor[..., None]
+    return inside, of_blocks(s.fitted, own, s.held, slopes if s.material.iq else slopes.real, s.floor, whole)
