@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import ActsOn, Effect
 from drfmcw_sim.synthesis.measured import write_measured
 
 from ..finding.measured import MODEL
@@ -30,11 +30,12 @@ from .evidence import (
     shown_by,
 )
 from .forward import outcome
+from .forward.limits import NAMING
 from .forward.model import multiples, scene, straight
 from .forward.naming import Named, named, searched
 from .images import Image, image
 from .images import measured as measured_image
-from .limits import JUDGE, NAMING
+from .limits import JUDGE
 from .material import Material, material
 from .rails import limit
 from .ramps.ramp import Ramp, ramp
@@ -194,7 +195,8 @@ def _diagnosis(
     everywhere = Location('if_samples', m.station, 'ramp_time', 0.0, m.signal.shape[1] / m.rate, 1.0)
     remainder, refined = None, None
     if left:
-        learnt = measured(data, m, repeated, effects) if repeated is not None else None
+        plays = repeated is not None and not any(_acts_twice(e.effect) for e in effects)
+        learnt = measured(data, m, repeated, effects) if repeated is not None and plays else None
         model = None
         if out is not None:
             Path(out).mkdir(parents=True, exist_ok=True)
@@ -234,6 +236,12 @@ def _diagnosis(
         scene={name: value for evidence in found for name, value in evidence.figures.items()} or None,
     )
     return dataclasses.replace(diagnosis, sentences=sentences(diagnosis))
+
+
+def _acts_twice(effect: str) -> bool:
+    """Return whether an effect would change once more what was learnt with it."""
+    kind = Effect.registry[effect]
+    return ActsOn.SAMPLES in kind.acts_on and kind.evidence not in ('leakage', 'limit', 'bursts')
 
 
 def _judged(fit: Fit) -> tuple[float, float]:

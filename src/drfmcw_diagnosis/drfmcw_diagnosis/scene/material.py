@@ -8,8 +8,8 @@ import numpy as np
 
 from ..features.extractor import as_complex
 from ..recording.dataset import Dataset
-from .forward.noise import Noise, noise
 from .limits import MATERIAL
+from .noise import Noise, noise
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,11 +8,12 @@ import numpy as np
 from drfmcw_physics.settings import declared_parameters
 
 from ...search.bank import Candidate
-from ..limits import FORWARD
+from .limits import FORWARD
 from .misfit import Misfit, of_blocks, of_sweeps
 from .model import Scene
 from .simulated import Simulated
 from .tracks import Solved, Sweeps, Tracks, basis, solve, strongest
+from .warps import later as later_by
 from .warps import resampled
 
 
@@ -155,26 +156,34 @@ def _bounds(candidate: Candidate, name: str) -> tuple[float, float]:
     return max(low, own[0]), min(high, own[1])
 
 
-def with_lines(
-    s: Scene, sweeps: Sweeps, found: Fitted, most: int, later: np.ndarray | None = None, rounds: int = 2
-) -> Fitted:
+def with_lines(s: Scene, sweeps: Sweeps, found: Fitted, most: int, rounds: int = 2) -> Fitted:
     """Return the fit with as many further lines as the sweeps demand, `most` in all.
 
-    `later` (N,) [samples] makes the time of the sweeps one in which lines are straight.
+    Each is looked for over the time in which the effects that were fitted leave lines straight.
     """
     order = found.tracks.frequency.shape[1]
     while len(found.tracks) < most:
         _, whole = modelled(sweeps, found.tracks, simulated(s, found.candidates))
         rest = (sweeps.signal - whole) * sweeps.used
+        later = curve(s, found.candidates)
         start = strongest(sweeps, rest if later is None else resampled(rest, later), s.floor, order)
         if start is None:
             break
+        if later is not None:  # as many samples over another span
+            start = start / (1.0 + (later[-1] - later[0]) / (len(later) - 1.0))
         tracks = Tracks(np.vstack([found.tracks.frequency, start]))
-        again = fit(s, sweeps, tracks, found.candidates, rounds)
+        early = len(tracks) <= FORWARD.early  # the first lines settle what acts on all of them
+        again = fit(s, sweeps, tracks, found.candidates, FORWARD.final if early else rounds)
         if not again.misfit < found.misfit:
             break
         found = again
     return found
+
+
+def curve(s: Scene, candidates: Sequence[Candidate]) -> np.ndarray | None:
+    """Return by how much effects make the time of all lines later (N,) [samples], None without such."""
+    bending = [later_by(s, c) for c in candidates if c.kind.shapes_chirp]
+    return np.sum(bending, axis=0) if bending else None
 
 
 def judged(s: Scene, found: Fitted) -> tuple[Misfit, Misfit]:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 from scipy.special import gammaincc
 
-from .noise import Noise
+from ..noise import Noise
 from .tracks import Solved, Sweeps
 
 

@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 
-from ..limits import FORWARD, SHAPE
+from ..limits import NOISE, SHAPE
 from ..material import Material
+from ..noise import Noise, noise
+from .limits import FORWARD
 from .misfit import Misfit, of_blocks, of_sweeps
-from .noise import Noise, noise
 from .tracks import Sweeps, Tracks, lines, solve
 
 
@@ -58,7 +59,7 @@ def scene(m: Material, unusable: np.ndarray | None = None) -> Scene | None:
     usable = usable[:, first:last]
     signal, used = m.signal[rows, first:last], usable[rows]
     clear = np.asarray(usable.all(axis=1))
-    quiet = clear if clear.sum() >= min(FORWARD.doppler, max(len(clear) // 4, 1)) else np.ones(len(m.signal), bool)
+    quiet = clear if clear.sum() >= min(NOISE.doppler, max(len(clear) // 4, 1)) else np.ones(len(m.signal), bool)
     floor = noise(np.where(usable, m.signal[:, first:last], 0.0)[quiet])
     whole = Sweeps(signal, place, used)
     held = np.zeros(last - first, bool)

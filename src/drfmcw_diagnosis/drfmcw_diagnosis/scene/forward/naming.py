@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -10,12 +10,12 @@ from scipy.interpolate import BSpline
 from drfmcw_sim.effects import ActsOn, Effect, Of, Recipe
 
 from ...search.bank import Candidate, recipes
-from ..limits import NAMING, WARPS
 from .joint import Fitted, fit, judged, modelled, simulated, with_lines
+from .limits import NAMING, WARPS
 from .misfit import Misfit
 from .model import Scene, Straight
 from .tracks import Sweeps, Tracks
-from .warps import Start, later, starting_values, starts
+from .warps import Start, starting_values, starts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,6 +84,20 @@ def named(found: Straight, accepted: float, without: Collection[str] = ()) -> Na
     return best
 
 
+def _halved(x: Fitted, plain: Fitted) -> bool:
+    """Return whether effects halve the excess misfit of lines alone, or take the place of some of them."""
+    return len(x.tracks) < len(plain.tracks) or x.misfit - 1.0 < NAMING.halved * (plain.misfit - 1.0)
+
+
+def _matters(s: Scene, some: Sweeps, x: Fitted) -> bool:
+    """Return whether as many lines describe less without the last effect: not what only moves lines."""
+    order = x.tracks.frequency.shape[1]
+    empty = Fitted(Tracks(np.zeros((0, order))), x.candidates[:-1], np.inf)
+    again = with_lines(s, some, empty, len(x.tracks))
+    without = fit(s, some, again.tracks, again.candidates, NAMING.rounds)
+    return float(some.used.sum()) * math.log(without.misfit / x.misfit) > 2.0 * NAMING.gain * len(x.candidates[-1].free)
+
+
 def _free(x: Fitted) -> int:
     """Return how many parameters effects have: a curve with more of them always describes as much."""
     return sum(len(c.free) for c in x.candidates)
@@ -105,9 +119,9 @@ def _best(s: Scene, current: Fitted, without: Collection[str]) -> list[Fitted]:
     known = {c.effect for c in current.candidates}
     plain = with_lines(s, some, Fitted(Tracks(np.zeros((0, order))), current.candidates, np.inf), NAMING.lines)
     tried: list[Fitted] = []
-    for candidate, curve in _candidates(s, rows, some, plain, set(without) | known):
+    for candidate in _candidates(s, rows, some, plain, set(without) | known):
         try:
-            tried.append(_compared(s, some, current, candidate, curve))
+            tried.append(_compared(s, some, current, candidate))
         except (ValueError, np.linalg.LinAlgError):
             continue
     size = float(some.used.sum())
@@ -120,59 +134,54 @@ def _best(s: Scene, current: Fitted, without: Collection[str]) -> list[Fitted]:
     for x in sorted(tried, key=cost):
         one_each.setdefault(x.candidates[-1].effect, x)
     found = []
-    least = min(map(cost, one_each.values()), default=0.0)
-    for x in [x for x in one_each.values() if cost(x) < least + NAMING.near][: NAMING.finalists]:
-        curve = _curve(s, x.candidates)
+    # what does not help among some sweeps is not tried on all, which takes a minute
+    helping = [x for x in one_each.values() if cost(x) < cost(plain) and _halved(x, plain) and _matters(s, some, x)]
+    least = min(map(cost, helping), default=0.0)
+    for x in [x for x in helping if cost(x) < least + NAMING.near][: NAMING.finalists]:
         whole = fit(s, s.fitted, x.tracks, x.candidates, NAMING.rounds)
-        whole = with_lines(s, s.fitted, whole, max(len(current.tracks), NAMING.lines), curve, 1)
+        whole = with_lines(s, s.fitted, whole, max(len(current.tracks), NAMING.lines), 1)
         found.append(fit(s, s.fitted, whole.tracks, whole.candidates, NAMING.final))
     return found
 
 
-def _compared(s: Scene, some: Sweeps, current: Fitted, candidate: Candidate, curve: np.ndarray | None) -> Fitted:
-    """Return lines found anew with one more effect."""
-    order = current.tracks.frequency.shape[1]
-    both = (*current.candidates, candidate)
-    empty = Fitted(Tracks(np.zeros((0, order))), both, np.inf)
-    found = with_lines(s, some, empty, NAMING.lines, curve)
-    return fit(s, some, found.tracks, found.candidates, NAMING.rounds)
+def _compared(s: Scene, some: Sweeps, current: Fitted, candidate: Candidate) -> Fitted:
+    """Return lines found anew with one more effect, twice: then it is nearly right from the first line on."""
+    found = Fitted(current.tracks, (*current.candidates, candidate), np.inf)
+    nothing = Tracks(np.zeros((0, current.tracks.frequency.shape[1])))
+    for _ in range(NAMING.twice):
+        again = with_lines(s, some, Fitted(nothing, found.candidates, np.inf), NAMING.lines)
+        again = fit(s, some, again.tracks, again.candidates, NAMING.rounds)
+        if not again.misfit < NAMING.better * found.misfit:
+            break
+        found = again
+    return found
 
 
-def _curve(s: Scene, candidates: Sequence[Candidate]) -> np.ndarray | None:
-    """Return by how much effects make the time of all lines later (N,) [samples], None without such."""
-    bending = [later(s, c) for c in candidates if c.kind.shapes_chirp]
-    return np.sum(bending, axis=0) if bending else None
-
-
-def _candidates(
-    s: Scene, rows: np.ndarray, some: Sweeps, plain: Fitted, without: set[str]
-) -> list[tuple[Candidate, np.ndarray | None]]:
-    """Return where fits begin, with the time in which lines are straight."""
-    before = _curve(s, plain.candidates)
+def _candidates(s: Scene, rows: np.ndarray, some: Sweeps, plain: Fitted, without: set[str]) -> list[Candidate]:
+    """Return where fits begin."""
     looked = rows[np.unique(np.round(np.linspace(0, len(rows) - 1, max(WARPS.values // len(s.held), 1))).astype(int))]
     bends = starts(s, looked, without)
-    found: list[tuple[Candidate, np.ndarray | None]] = [
-        (x.candidate, x.later if before is None else before + x.later) for x in bends
-    ]
+    found = [x.candidate for x in bends]
     few = _strong(s, some, plain)
     for name, recipe in recipes(without):
         kind = Effect.registry[name]
         if not _tried(kind, recipe):
             continue
         if recipe.coefficients:
-            curve = bends[0].later if bends else None
-            found += [(_spline(s, name, recipe, n, bends), curve) for n in recipe.coefficients[: NAMING.curves]]
+            found += [_spline(s, name, recipe, n, bends) for n in recipe.coefficients[: NAMING.curves]]
         else:
             own = _template(s, some, few, name, recipe)
             if own is not None:
-                found.append((own, before))
+                found.append(own)
     return found
 
 
 def _strong(s: Scene, some: Sweeps, plain: Fitted) -> Fitted:
     """Return the strong lines alone: weak ones may be what an effect does to them."""
-    own, _ = modelled(some, plain.tracks, simulated(s, plain.candidates))
-    size = np.sqrt(np.mean(np.abs(own.phasor) ** 2, axis=0))
+    window = np.hanning(len(s.held) + 2)[1:-1]
+    waves = np.exp(-2j * np.pi * plain.tracks.at(some.place)[..., None] * some.time)
+    level = np.matmul(waves, (some.signal * some.used * window)[..., None])[..., 0]
+    size = np.sqrt(np.mean(np.abs(level) ** 2, axis=0))
     kept = size > NAMING.weak * size.max(initial=0.0)
     return fit(s, some, Tracks(plain.tracks.frequency[kept]), plain.candidates, NAMING.rounds)
 

@@ -5,11 +5,12 @@ import math
 
 from ...finding.result import BeforeAfter, Fit
 from ..bursts import Bursts
-from ..limits import BURSTS, FORWARD
+from ..limits import BURSTS
 from ..lines import limited_fit
 from ..material import Material
 from ..rails import Limit
 from ..ramps.ramp import Ramp
+from .limits import FORWARD
 from .misfit import tail
 from .model import Straight, scattered, scene, straight
 from .naming import Named

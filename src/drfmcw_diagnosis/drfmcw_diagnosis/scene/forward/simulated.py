@@ -9,8 +9,8 @@ from drfmcw_sim.effects import ActsOn, Effect
 from drfmcw_sim.measurements import Measurements, Path, Station
 from drfmcw_sim.synthesis.signal_model import synthesise
 
-from ..limits import FORWARD
 from ..material import Material
+from .limits import FORWARD
 
 
 class Simulated:

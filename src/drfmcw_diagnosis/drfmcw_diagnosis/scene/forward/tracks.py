@@ -6,8 +6,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import gammaincc
 
-from ..limits import FORWARD
-from .noise import Noise
+from ..limits import NOISE
+from ..noise import Noise
+from .limits import FORWARD
 
 Shaping = Callable[[np.ndarray], np.ndarray]
 """Returns factors (..., N) of the waves of lines at frequencies (...) [1 / sample]."""
@@ -170,7 +171,7 @@ def strongest(s: Sweeps, rest: np.ndarray, floor: Noise, order: int) -> np.ndarr
     spectrum /= np.interp(np.arange(padded) / FORWARD.padding, np.arange(length), floor.power)
     bins = np.arange(padded)
     cells = np.minimum(bins, padded - bins)
-    usable = cells >= FORWARD.padding * FORWARD.lowest
+    usable = cells >= FORWARD.padding * NOISE.lowest
     if not s.iq:
         usable &= bins < padded // 2
     drifts = np.arange(-FORWARD.drift, FORWARD.drift + 1) if order > 1 else np.zeros(1, int)

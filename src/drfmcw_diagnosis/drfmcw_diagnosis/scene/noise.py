@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.signal import windows
 
-from ..limits import FORWARD
+from .limits import NOISE
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,20 +37,20 @@ def noise(signal: np.ndarray) -> Noise:
     """
     count, length = signal.shape
     flat = signal - signal.mean(axis=1, keepdims=True)
-    fast = windows.hann(length, sym=False) if count >= FORWARD.doppler else windows.blackmanharris(length, sym=False)
+    fast = windows.hann(length, sym=False) if count >= NOISE.doppler else windows.blackmanharris(length, sym=False)
     cells = np.fft.fft(flat * (fast / np.sqrt(np.sum(fast**2))), axis=1)
     overlap = _overlap(fast)
-    if count >= FORWARD.doppler:
+    if count >= NOISE.doppler:
         slow = windows.hann(count, sym=False)
         cells = np.fft.fft(cells * (slow / np.sqrt(np.sum(slow**2)))[:, None], axis=0)
-        cells = cells[FORWARD.still : count - FORWARD.still + 1]
+        cells = cells[NOISE.still : count - NOISE.still + 1]
         overlap *= _overlap(slow)
     power = np.abs(cells) ** 2
     bins = np.arange(length)
     folded = bins if np.iscomplexobj(signal) else np.minimum(bins, length - bins)
-    used = np.minimum(bins, length - bins) > FORWARD.lowest
+    used = np.minimum(bins, length - bins) > NOISE.lowest
     half = length if np.iscomplexobj(signal) else length // 2 + 1
-    bands = max(1, min(FORWARD.bands, half * len(power) // FORWARD.cells, half // FORWARD.widest))
+    bands = max(1, min(NOISE.bands, half * len(power) // NOISE.cells, half // NOISE.widest))
     edges = np.linspace(0, half, bands + 1).astype(int)
     levels, middles, freedom = [], [], 0.0
     for low, high in itertools.pairwise(edges):
@@ -70,14 +70,14 @@ def _exponential(power: np.ndarray) -> tuple[float, int]:
 
     The part below a bound b of a mean m has the mean m - b / (exp(b / m) - 1).
     """
-    level = float(np.quantile(power, FORWARD.quantile)) / -math.log(1.0 - FORWARD.quantile)
+    level = float(np.quantile(power, NOISE.quantile)) / -math.log(1.0 - NOISE.quantile)
     kept = power
-    for _ in range(FORWARD.rounds):
-        bound = FORWARD.outlier * level
+    for _ in range(NOISE.rounds):
+        bound = NOISE.outlier * level
         kept = power[power < bound]
         if not kept.size:
             return max(level, 1e-12), 1
-        level = float(kept.mean()) / (1.0 - FORWARD.outlier / math.expm1(FORWARD.outlier))
+        level = float(kept.mean()) / (1.0 - NOISE.outlier / math.expm1(NOISE.outlier))
     return max(level, 1e-12), int(kept.size)
 
 
