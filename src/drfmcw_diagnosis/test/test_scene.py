@@ -20,9 +20,11 @@ from drfmcw_diagnosis.scene.material import Material, material
 from drfmcw_diagnosis.scene.rails import limit
 from drfmcw_diagnosis.scene.ramps.ramp import ramp
 from drfmcw_diagnosis.scene.ramps.shared import carried_over, together
+from drfmcw_diagnosis.scene.refining import measured, write_refined
 from drfmcw_diagnosis.scene.track import track
 from drfmcw_sim.effects import Effect
-from drfmcw_sim.scenario import scenario_from_mapping
+from drfmcw_sim.scenario import read_scenario, scenario_from_mapping
+from drfmcw_sim.synthesis.measured import write_measured
 
 FREE_RUNNING = [1.1, 0.92, 1.05, 0.97, 1.08, 0.9, 1.04, 0.95, 1.02, 0.93]
 """Coefficients of a bent ramp's rate; 6 % rms."""
@@ -228,3 +230,20 @@ def test_a_dead_time_of_the_paths_delay_is_no_window(tmp_path):
     found = ramp(material(data))
     assert found is None or found.narrower == (False, False)
     assert dataclasses.asdict(material(data))['station'] == 'radar'
+
+
+def test_the_remainder_that_was_measured_is_simulated(tmp_path):
+    """What repeats in 30 sweeps of two patterns that vary comes back within 2 standard deviations of the noise."""
+    data = read_dataset(looped_back(tmp_path / 'r', sweeps=30))
+    rng, shape = np.random.default_rng(8), data.samples_of(0).shape
+    t, n = np.arange(shape[1]), np.arange(shape[0])[:, None]
+    ripples = 300.0 * np.cos(2e-4 * t**1.5) + (200.0 + 2.0 * n) * np.sin(0.03 * t) * np.exp(-t / 700.0)
+    samples = np.rint(ripples + rng.normal(0.0, 3.0, shape)).astype(np.int16)
+    data = dataclasses.replace(data, samples=(samples,))
+    m = material(data)
+    found = background(m)
+    write_measured(tmp_path / 'measured.npz', measured(data, m, found, ()))
+    path = write_refined(tmp_path / 'refined.yaml', data, (), None, m)
+    played = read_dataset(record(read_scenario(path), tmp_path / 'played'))
+    rest = played.samples_of(0).astype(float) - ripples
+    assert float(np.sqrt(np.mean(rest**2))) < 2.0 * 3.0

@@ -264,11 +264,12 @@ class BackgroundLimits:
     above: float = 12.0
     """Level of leakage over the strongest line, at least [dB]; chosen: receivers have a constant of their own."""
 
-    times: int = 512
-    """Sweeps whose samples a measured remainder holds, at most, spread over the recording; chosen."""
+    values: int = 1_000_000
+    """Samples that a measured remainder holds, at most, of sweeps spread over the recording; chosen: some megabytes."""
 
-    silent: float = -150.0
-    """Gain of an antenna that hears nothing beside a measured remainder [dBi]; chosen."""
+    silent: float = -100.0
+    """Power sent and gain of an antenna that hears nothing beside a measured remainder [dBm, dBi]; derived: the lowest
+    that a scenario accepts."""
 
     components: int = 6
     """Patterns over the ramp that vary from sweep to sweep, at most; chosen."""

@@ -30,7 +30,8 @@ def measured(data: Dataset, m: Material, repeated: Background, effects: Sequence
     """
     setting = int(np.bincount(data.setting).argmax())
     time = data.time[np.flatnonzero(data.setting == setting)[: len(m.signal)]]
-    rows = np.unique(np.round(np.linspace(0, len(time) - 1, min(len(time), BACKGROUND.times))).astype(int))
+    most = max(BACKGROUND.values // m.signal.shape[1], 2)
+    rows = np.unique(np.round(np.linspace(0, len(time) - 1, min(len(time), most))).astype(int))
     rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0.0])]
     rest = m.signal[rows] - repeated.mean
     values = repeated.mean + (rest @ repeated.patterns.conj().T) @ repeated.patterns
@@ -84,7 +85,7 @@ def write_refined(
     if remainder is not None:  # the measured remainder beside this file holds all lines
         station = mapping['stations'][remainder.station]
         full_scale = station['full_scale_power']
-        station['tx_eirp'], station['rx_antenna_gain'] = 0.0, BACKGROUND.silent
+        station['tx_eirp'] = station['rx_antenna_gain'] = BACKGROUND.silent
         density = remainder.decibels(math.sqrt(2.0) * remainder.white) + full_scale
         station['noise_floor'] = float(density - 10.0 * math.log10((1.0 if remainder.iq else 0.5) * remainder.rate))
         mapping['measured'] = MODEL
