@@ -165,6 +165,13 @@ class RailLimits:
     """Count at the rail over that beside it, per four widths, above which they pile up; derived: the crest of a sine
     has 0.8."""
 
+    wall: float = 10.0
+    """Count at the last code over that in the four codes beside it, from which on nothing but a limit explains it;
+    derived: noise of half a code leaves at most 3."""
+
+    noisy: float = 0.5
+    """Noise for that, at least [LSB]; chosen."""
+
     least: int = 500
     """Numbers of a recording from which rails are looked for; chosen."""
 

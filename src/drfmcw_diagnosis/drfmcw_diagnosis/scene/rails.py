@@ -39,7 +39,7 @@ def _rail(m: Material) -> Limit | None:
         tops = -np.partition(-side.ravel(), RAILS.outliers[-1])[: RAILS.outliers[-1] + 1]
         tops.sort()
         for top in (float(tops[-1 - k]) for k in RAILS.outliers):
-            piled = _piled(side, top, widths) if top >= RAILS.high * outermost else None
+            piled = _piled(side, top, widths, m.white) if top >= RAILS.high * outermost else None
             if piled is not None:
                 found.append(piled)
                 break
@@ -51,7 +51,9 @@ def _rail(m: Material) -> Limit | None:
     return Limit(float(np.mean(levels)), std, float(at.mean()), min(1.0, *(p for *_, p in found)), at)
 
 
-def _piled(side: np.ndarray, top: float, widths: list[int]) -> tuple[float, float, np.ndarray, float] | None:
+def _piled(
+    side: np.ndarray, top: float, widths: list[int], noise: float
+) -> tuple[float, float, np.ndarray, float] | None:
     """Return (level, std [LSB], samples at it, chance) of a rail just below `top`, None where no samples pile up."""
     for width in widths:
         at = side > top - width
@@ -61,7 +63,10 @@ def _piled(side: np.ndarray, top: float, widths: list[int]) -> tuple[float, floa
         spread = len(np.unique(np.nonzero(at)[1]))  # a spike at one time of every sweep is no limit
         enough = count >= max(RAILS.fewest, RAILS.share * side.size) and spread >= RAILS.fewest // 2
         enough &= above <= RAILS.beyond * count
-        if enough and count > RAILS.excess * max(beside, 1) and _in_runs(at) and _cut_off(side, at):
+        # noise spreads a crest over more than one code, whether samples at it follow each other or not
+        wall = width == 1 and not above and noise >= RAILS.noisy and count > RAILS.wall * max(beside, 1)
+        cut = wall or (_in_runs(at) and _cut_off(side, at))
+        if enough and count > RAILS.excess * max(beside, 1) and cut:
             return float(np.median(side[at])), width / math.sqrt(12.0), at, _tail(count, beside)
     return None
 

@@ -111,13 +111,13 @@ class WarpLimits:
     steepest: float = 0.6
     """Relative error of the ramp's rate, at most [1]; chosen."""
 
-    ratio: float = 0.5
+    ratio: float = 0.35
     """Logarithm of the ratio of neighbouring sizes; chosen."""
 
-    even: float = 2.5
+    even: float = 2.0
     """Phase of the highest line between neighbouring sizes, where the ratio is finer [rad]; chosen."""
 
-    polished: int = 2
+    polished: int = 4
     """Starts of one kind that are refined; chosen."""
 
     slow: float = 4.0

@@ -48,14 +48,18 @@ def of_bursts(m: Material, found: Bursts, accepted: float) -> Outcome | None:
     if scatter.above < BURSTS.above or math.exp(-min(scatter.gain, 690.0)) > accepted:
         return None
     inside = BeforeAfter(fitted.fitted.per_freedom, fitted.fitted.per_freedom)
-    return Outcome(Fit(inside, BeforeAfter(scatter.before, scatter.after)), fitted.held_out.probability, scatter.gain)
+    fit = Fit(inside, BeforeAfter(scatter.before, scatter.after))
+    untested = 'What acts on all lines alike is not searched for beside bursts.'
+    return Outcome(fit, fitted.held_out.probability, scatter.gain, untested)
 
 
 def of_limit(m: Material, found: Limit) -> tuple[Outcome, str]:
     """Return what lines behind a limit leave, and that in words."""
     fit, count, said = limited_fit(m, found)
     gain = 0.5 * count * math.log(fit.held_out.before / fit.held_out.after)
-    return Outcome(fit, tail(fit.held_out.after, count, m.floor.freedom), max(gain, 0.0)), said
+    chance = tail(fit.held_out.after, count, m.floor.freedom)
+    untested = 'Bursts, and what acts on all lines alike, are not searched for behind a limit.'
+    return Outcome(fit, chance, max(gain, 0.0), untested), said
 
 
 def of_ramp(found: Ramp) -> Outcome:
