@@ -396,7 +396,7 @@ class NoiseLimits:
     """How noise is measured beside lines."""
 
     doppler: int = 16
-    """Sweeps from which cells of Doppler shift tell noise from what repeats; chosen: half of them hold neither."""
+    """Sweeps from which cells of Doppler shift separate noise from what repeats; chosen: half of them hold neither."""
 
     still: int = 3
     """Cells of Doppler shift about zero that hold what repeats; derived: the window's main lobe has two."""

@@ -32,7 +32,7 @@ def noise(signal: np.ndarray) -> Noise:
     """Return the noise of sweeps (n, N), real or complex.
 
     In each band of the IF, cells that stand out are left out and the rest taken as the lower part of an exponential
-    distribution. Sweeps enough to tell Doppler shifts apart leave most cells to the noise: what is the same in every
+    distribution. Sweeps enough to separate Doppler shifts leave most cells to the noise: what is the same in every
     sweep holds few of them, whatever its spectrum.
     """
     count, length = signal.shape
