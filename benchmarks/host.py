@@ -1,8 +1,7 @@
-"""CPU time, memory and updates of the host's page: three pairs at 1000 sweeps/s, one browser and twenty."""
+"""The host's page: CPU time, memory and updates beside three pairs at 1000 sweeps/s; how it slows a real graph."""
 
 import asyncio
 import contextlib
-import json
 import os
 import subprocess
 import sys
@@ -11,41 +10,28 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import websockets
 from figures import Figure
+from host_graph import RATE, slowed
+from host_process import cpu, memory, start_host, streams
 from rich.console import Console
 
-from drfmcw_bringup.graph import HOST, Graph, Member, private_environment
-from drfmcw_physics.settings import ConfigurationError
+from drfmcw_bringup.graph import Graph, Member, private_environment
 
 _PAIRS = (('m0', 's0'), ('m1', 's1'), ('m2', 's2'))
 _RATE = 1000.0  # sweeps per second and pair
 _CLIENTS = 20
 _VIEWS = ('now', 'over-time', 'signals', 'stations')
-_START_LIMIT = 60.0  # [s]
 _WARM_UP = 3.0  # not measured [s]
 _LONGEST = 20.0  # of one measurement [s]
-_TICKS = os.sysconf('SC_CLK_TCK')
-_PAGE = os.sysconf('SC_PAGE_SIZE')
-
-
-def _cpu(member: Member) -> float:
-    """Return the CPU time of a process [s]."""
-    fields = Path(f'/proc/{member.process.pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
-
-
-def _memory(member: Member) -> float:
-    """Return the resident memory of a process [MB]."""
-    return int(Path(f'/proc/{member.process.pid}/statm').read_text().split()[1]) * _PAGE / 1e6
+_SLOWDOWN = 1.1  # accepted
 
 
 @contextlib.contextmanager
-def _load(environment: dict[str, str]) -> Iterator[None]:
+def _load(environment: dict[str, str], rate: float) -> Iterator[None]:
     """Publish what three pairs publish."""
     script = str(Path(__file__).with_name('host_load.py'))
     command = [sys.executable, script]
-    running = [subprocess.Popen([*command, *pair, str(_RATE)], env=environment) for pair in _PAIRS]
+    running = [subprocess.Popen([*command, *pair, str(rate)], env=environment) for pair in _PAIRS]
     try:
         yield
     finally:
@@ -54,57 +40,54 @@ def _load(environment: dict[str, str]) -> Iterator[None]:
             process.wait()
 
 
-async def _watch(address: str, view: str, seconds: float) -> tuple[int, float]:
-    """Return (messages, ranges per second that the last one shows) of one browser's stream in `seconds`."""
-    origin = address.replace('ws:', 'http:')
-    async with websockets.connect(f'{address}/live?view={view}', origin=origin, max_size=None) as stream:  # type: ignore[arg-type]
-        end, count, rate = time.monotonic() + seconds, 0, 0.0
-        while (left := end - time.monotonic()) > 0.0:
-            with contextlib.suppress(TimeoutError):
-                message = await asyncio.wait_for(stream.recv(), left)
-                count += 1
-                text = json.loads(message).get('text', {}).get('hero.rate', '')
-                rate = float(text.partition(' ')[0]) if text else rate
-        return count, rate
-
-
-async def _browsers(address: str, number: int, seconds: float) -> list[tuple[int, float]]:
+def _streamed(host: Member, address: str, number: int, seconds: float) -> list[Figure]:
+    """Measure the host while so many browsers take its streams."""
     views = [_VIEWS[i % len(_VIEWS)] for i in range(number)]
-    return list(await asyncio.gather(*(_watch(address, view, seconds) for view in views)))
-
-
-def _measure(host: Member, address: str, number: int, seconds: float) -> tuple[float, float, float, float]:
-    """Return (CPU share [1], messages per second of the slowest browser, growth of memory [MB], ranges per second)."""
-    asyncio.run(_browsers(address, number, _WARM_UP))
-    used, kept, began = _cpu(host), _memory(host), time.monotonic()
-    received = asyncio.run(_browsers(address, number, seconds))
+    asyncio.run(streams(address, views, _WARM_UP))
+    used, kept, began = cpu(host), memory(host), time.monotonic()
+    received = asyncio.run(streams(address, views, seconds))
     took = time.monotonic() - began
-    return (_cpu(host) - used) / took, min(count for count, _ in received) / took, _memory(host) - kept, received[0][1]
+    of = f'{number} browser{"s" if number > 1 else ""}'
+    goal = 30.0 if number == 1 else None
+    slowest = min(count for count, _ in received) / took
+    return [
+        Figure(f'host, CPU time, {of}', 100.0 * (cpu(host) - used) / took, '% of a core', goal),
+        Figure(f'host, ranges of each of three pairs, {of}', received[0][1], '1/s'),
+        Figure(f'host, updates of the slowest, {of}', slowest, '1/s'),
+        Figure(f'host, growth of memory in {seconds:g} s, {of}', memory(host) - kept, 'MB', 20.0),
+    ]
 
 
 def bench_host(seconds: float, console: Console) -> list[Figure]:
-    """The host's page beside three pairs at 1000 sweeps/s: CPU time, updates, memory, with 1 and 20 browsers."""
-    seconds = min(seconds, _LONGEST)
-    environment = private_environment()
+    """The host's page beside three pairs at 1000 sweeps/s and a real graph: CPU, memory, updates, slow-down."""
+    part = min(seconds, _LONGEST)
     figures = []
-    with tempfile.TemporaryDirectory() as folder, _load(environment), Graph(environment, Path(folder) / 'log') as graph:
-        host = graph.start('host', HOST, '--port', '0', '--state', folder, '--read-only')
-        end = time.monotonic() + _START_LIMIT
-        while not graph.last_words(host).startswith('host: '):
-            if host.process.poll() is not None or time.monotonic() > end:
-                raise ConfigurationError(f'host: {graph.last_words(host)}')
-            time.sleep(0.1)
-        address = graph.last_words(host).removeprefix('host: http').rstrip('/')
-        time.sleep(_WARM_UP)
-        for number in (1, _CLIENTS):
-            console.print(f'host: {number} browsers, {seconds:g} s', highlight=False)
-            share, updates, growth, rate = _measure(host, f'ws{address}', number, seconds)
-            of = f'{number} browser{"s" if number > 1 else ""}'
-            goal = 30.0 if number == 1 else None
-            figures += [
-                Figure(f'host, CPU time, {of}', 100.0 * share, '% of a core', goal),
-                Figure(f'host, ranges of each of three pairs, {of}', rate, '1/s'),
-                Figure(f'host, updates of the slowest, {of}', updates, '1/s'),
-                Figure(f'host, growth of memory in {seconds:g} s, {of}', growth, 'MB', 20.0),
-            ]
-    return figures
+    with tempfile.TemporaryDirectory(prefix='drfmcw-bench-') as directory:
+        folder = Path(directory)
+        environment = private_environment()
+        with _load(environment, _RATE), Graph(environment, folder / 'log') as graph:
+            host, address = start_host(graph, folder)
+            time.sleep(_WARM_UP)
+            for number in (1, _CLIENTS):
+                console.print(f'host: {number} browsers, {part:g} s', highlight=False)
+                figures += _streamed(host, address, number, part)
+        found = slowed(seconds, folder / 'graph', console)
+    return [
+        *figures,
+        Figure(
+            f'graph at {RATE:g} sweep pairs/s: reached beside a host',
+            found.rate_with,
+            '1/s',
+            found.rate_without / _SLOWDOWN,
+            '>=',
+        ),
+        Figure(
+            'the same: latency p50 beside a host',
+            1e3 * found.latency_with,
+            'ms',
+            1e3 * _SLOWDOWN * found.latency_without,
+            reference=1e3 * found.latency_without,
+            reference_name='without',
+        ),
+        Figure('load of the machine (processes that run or wait, 1 min)', os.getloadavg()[0]),
+    ]
