@@ -1,4 +1,4 @@
-"""The host's page: CPU time, memory and updates beside three pairs at 1000 sweeps/s; how it slows a real graph."""
+"""The host's page: CPU time, memory, updates and paint, beside three pairs at 1000 sweeps/s and beside a real graph."""
 
 import asyncio
 import contextlib
@@ -12,17 +12,19 @@ from pathlib import Path
 
 from figures import Figure
 from host_graph import RATE, slowed
+from host_page import chromium, open_pages, show_distance
 from host_process import cpu, memory, start_host, streams
 from rich.console import Console
 
 from drfmcw_bringup.graph import Graph, Member, private_environment
 
 _PAIRS = (('m0', 's0'), ('m1', 's1'), ('m2', 's2'))
-_RATE = 1000.0  # sweeps per second and pair
+_RATE, _USUAL_RATE = 1000.0, 50.0  # sweeps per second and pair
 _CLIENTS = 20
 _VIEWS = ('now', 'over-time', 'signals', 'stations')
 _WARM_UP = 3.0  # not measured [s]
 _LONGEST = 20.0  # of one measurement [s]
+_UPDATES = 30.0  # that a browser shows [1/s]
 _SLOWDOWN = 1.1  # accepted
 
 
@@ -58,10 +60,25 @@ def _streamed(host: Member, address: str, number: int, seconds: float) -> list[F
     ]
 
 
+def _opened(executable: str, folder: Path) -> list[Figure]:
+    environment = private_environment()
+    with _load(environment, _USUAL_RATE), Graph(environment, folder / 'opened') as graph:
+        _, address = start_host(graph, folder)
+        time.sleep(_WARM_UP)
+        opened = open_pages(executable, address)
+    return [
+        Figure('host, first paint of the slowest view', opened.paint, 's', 1.0),
+        Figure('host, largest page with all that it loads, compressed', opened.size, 'MB', 1.5),
+    ]
+
+
 def bench_host(seconds: float, console: Console) -> list[Figure]:
-    """The host's page beside three pairs at 1000 sweeps/s and a real graph: CPU, memory, updates, slow-down."""
+    """The host's page beside three pairs at 1000 sweeps/s and a real graph: CPU, memory, updates, paint, slow-down."""
     part = min(seconds, _LONGEST)
     figures = []
+    executable = chromium()
+    if executable is None:
+        console.print('host: no Chromium on this machine, so nothing is measured in one', highlight=False)
     with tempfile.TemporaryDirectory(prefix='drfmcw-bench-') as directory:
         folder = Path(directory)
         environment = private_environment()
@@ -71,6 +88,14 @@ def bench_host(seconds: float, console: Console) -> list[Figure]:
             for number in (1, _CLIENTS):
                 console.print(f'host: {number} browsers, {part:g} s', highlight=False)
                 figures += _streamed(host, address, number, part)
+            if executable is not None:
+                shown = show_distance(executable, address, part)
+                figures += [
+                    Figure('host, updates that a Chromium shows', shown.updates, '1/s', 0.99 * _UPDATES, '>='),
+                    Figure('host, frames that it drops meanwhile', 100.0 * shown.dropped, '%', 0.0),
+                ]
+        if executable is not None:
+            figures += _opened(executable, folder)
         found = slowed(seconds, folder / 'graph', console)
     return [
         *figures,
