@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from drfmcw_bringup.graph import HOST, Graph
@@ -39,6 +40,14 @@ def chromium() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
         yield browser
         browser.close()
+
+
+def inaccessible(page: Page, name: str) -> dict[tuple[str, str, str], str]:
+    """What keeps a page from WCAG 2.2 level AA as far as axe-core can judge: by page, rule and element."""
+    page.wait_for_function('() => !document.getAnimations().length')  # what appears is transparent at first
+    rules = {'runOnly': ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}
+    violations = Axe().run(page, options=rules).response['violations']
+    return {(name, v['id'], n['html'][:200]): n['failureSummary'] for v in violations for n in v['nodes']}
 
 
 @dataclasses.dataclass(kw_only=True)

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from drfmcw_msgs.msg import RangeEstimate
-from hosted import PASSWORD, USER, Pages, chromium, wait
+from hosted import PASSWORD, USER, Pages, chromium, inaccessible, wait
 from playwright.sync_api import Page, expect
 from ports import free_port
 from rcl_interfaces.msg import Log
@@ -23,6 +23,7 @@ from drfmcw_bringup.graph import Graph, private_environment
 from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_bringup.run import start_graph
 from drfmcw_host.files.recordings import Recordings
+from drfmcw_host.web.frame import VIEWS, path_of
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_ros import qos
 from drfmcw_ros.calibration.store import CalibrationStore
@@ -112,13 +113,16 @@ def test_page_says_when_nothing_arrives_and_recovers(site):
     """The age counts although no message comes; afterwards the page is current again."""
     with site.page() as page:
         fresh(page)
+        colour = 'e => getComputedStyle(e).color.match(/[0-9]+/g).map(Number)'
+        black = page.locator('.hero .big').evaluate(colour)
         with silenced(site):
             chip = page.locator('[data-field="hero.fresh"]')
             expect(chip).to_have_text(re.compile('STALE: no range for [1-9]'))  # what was on its way has arrived
             before = chip.text_content()
             expect(chip).not_to_have_text(before)
             expect(page.locator('[data-field="hero"]')).to_have_attribute('data-state', 'stale')
-            assert page.locator('.hero .big').evaluate('e => Number(getComputedStyle(e.parentElement).opacity)') < 0.5
+            grey = page.locator('.hero .big').evaluate(colour)
+            assert max(grey) - min(grey) < 30 and min(grey) > max(black) + 30
         fresh(page)
 
 
@@ -259,6 +263,24 @@ def test_calibration_is_compared_stored_refused_and_taken_back(site):
         (USER, 'slave', 0, 0, False),
         (USER, 'master', 1, 2, True),
     ]
+
+
+def test_calibration_is_imported_from_a_file(site):
+    """A document as ./drfmcw calibrate writes it; what is none or too large is refused."""
+    with site.page('/calibration', user=True) as page:
+        page.locator('[data-station=slave]').get_by_role('button', name='Copy into the editor').click()
+        editor = page.get_by_label('Document')
+        expect(editor).to_have_value(re.compile('station: slave'))
+        document = editor.input_value()
+        chooser = page.get_by_label('File')
+        for content, said in ((b'\x93\xff', 'the file is no text'), (b' ' * 70_000, 'larger than 64 kB')):
+            chooser.set_input_files({'name': 'wrong.yaml', 'mimeType': 'text/yaml', 'buffer': content})
+            page.get_by_text(said).first.wait_for()
+        expect(editor).to_have_value(document)
+        given = document.replace('note: ', 'note: imported') if 'note: ' in document else f'{document}note: imported\n'
+        chooser.set_input_files({'name': 'slave.yaml', 'mimeType': 'text/yaml', 'buffer': given.encode()})
+        expect(editor).to_have_value(given)
+        page.locator('[data-comparison=slave]').wait_for()
 
 
 def test_calibration_is_only_shown_without_login(site):
@@ -455,6 +477,27 @@ def test_page_is_german_where_the_browser_is(site):
         expect(page.locator('[data-field="hero.range"]')).to_have_text(re.compile(r'\d+,\d{3}'))
         page.get_by_text('English').click()
         expect(page.locator('.hero')).to_contain_text('Standard deviation')
+
+
+@pytest.mark.parametrize(('theme', 'locale'), [('light', 'en-GB'), ('dark', 'de-DE')])
+def test_pages_keep_the_rules_of_accessibility(site, theme, locale):
+    """WCAG 2.2 level AA, as far as axe-core can judge: contrast, labels, names, language; also while data are stale."""
+    found = {}
+    with site.page('/', user=True, locale=locale) as page:
+        page.goto(f'{site.url}/preference?theme={theme}&back=/')
+        assert page.locator('html').get_attribute('lang')[:2] == locale[:2]
+        for view in VIEWS:
+            page.goto(f'{site.url}{path_of(view)}')
+            page.wait_for_selector('.content')
+            page.wait_for_timeout(500)  # what the stream fills
+            found |= inaccessible(page, view)
+        with silenced(site):
+            for view in ('now', 'signals', 'stations'):
+                page.goto(f'{site.url}{path_of(view)}')
+                page.locator('[data-state=stale]').first.wait_for()
+                page.wait_for_timeout(4000 if view == 'stations' else 500)
+                found |= inaccessible(page, f'{view}, stale')
+    assert found == {}
 
 
 def test_page_can_be_used_by_keyboard_on_a_tablet(site):

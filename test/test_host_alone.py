@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 from checkout import practice_recording
-from hosted import Pages, chromium
+from hosted import Pages, chromium, inaccessible
 from playwright.sync_api import expect
 from ports import free_port
 
@@ -96,6 +96,17 @@ def test_recording_is_diagnosed_and_its_report_opened(secure):
         report = page.locator('iframe.report')
         assert report.get_attribute('sandbox') == ''
         expect(report.content_frame.locator('h1')).to_have_text('The model explains this recording')
+
+
+@pytest.mark.parametrize('theme', ['light', 'dark'])
+def test_recordings_and_login_keep_the_rules_of_accessibility(secure, theme):
+    with secure.page('/recordings', user=True) as page:
+        page.goto(f'{secure.url}/preference?theme={theme}&back=/recordings')
+        page.locator(f'[data-recording={KEPT}]').get_by_role('button', name='Delete').wait_for()
+        found = inaccessible(page, 'recordings')
+        page.goto(f'{secure.url}/login')
+        found |= inaccessible(page, 'login')
+        assert not found, found
 
 
 def test_open_page_can_change_nothing_after_a_log_out_elsewhere(secure):

@@ -1,6 +1,7 @@
 """What all pages share: head, navigation, the user, and small elements whose content the stream fills."""
 
 import contextlib
+import copy
 import dataclasses
 import html
 from collections.abc import Iterator, Mapping
@@ -31,6 +32,8 @@ VIEWS = ('now', 'over-time', 'signals', 'stations', 'diagnosis', 'configuration'
 
 COOKIE, LANGUAGE, THEME = 'drfmcw_session', 'drfmcw_language', 'drfmcw_theme'
 """Names of the cookies."""
+
+_CODES: dict[str, Any] = {'en': 'en-US', 'de': 'de'}  # of NiceGUI
 
 STATIC = Path(__file__).parents[1] / 'static'
 
@@ -197,6 +200,9 @@ def path_of(view: str) -> str:
 def frame(viewer: Viewer, layout: str) -> Iterator[None]:
     """Build a page's head and navigation; what is added inside becomes its content."""
     say, view = viewer.say, viewer.view
+    client = ui.context.client
+    client.page = copy.copy(client.page)  # that of the route is shared by all viewers
+    client.page.language = _CODES[viewer.language]
     asset = viewer.host.asset
     ui.colors(primary=colours(viewer.theme).lines[0], positive='#00654d', negative='#a52a00', warning='#8a5a00')
     ui.page_title(f'{say(f"view.{view}")} · {say("title")}')

@@ -25,6 +25,14 @@ _CALIBRATION = 'calibration'
 """Action in the audit log."""
 
 _LARGEST = 1 << 16  # of a document [letters]
+_NO_TEXT = '\N{REPLACEMENT CHARACTER}'  # in place of bytes that are no UTF-8
+_READ_FILE = f"""async (event) => {{
+  const [file] = event.target.files;
+  if (file) emit(file.size > {_LARGEST} ? null : await file.text());
+  event.target.value = '';
+}}"""
+"""Hands over the text of a chosen file, null for one that is too large."""
+
 _REFRESH = 1.0  # of what is in use [s]
 _HISTORY = ('version', 'date', 'operator', 'note', 'reference', 'adc', 'delay')
 
@@ -52,14 +60,10 @@ class CalibrationView:
                 self._text = ui.textarea(say('cal.document')).props(f'outlined maxlength={_LARGEST} rows=10')
                 self._text.classes('document')
                 with ui.element('div').classes('line'):
-                    upload = ui.upload(
-                        label=say('cal.file'),
-                        auto_upload=True,
-                        max_file_size=_LARGEST,
-                        on_upload=self._import,
-                        on_rejected=lambda: self._refused(say('cal.file.large')),
-                    )
-                    upload.props('accept=.yaml,.yml,.json flat bordered').classes('upload')
+                    with ui.element('label'):
+                        text('span', f'{say("cal.file")} ')
+                        chosen = ui.element('input').classes('file').props('type=file accept=.yaml,.yml,.json')
+                        chosen.on('change', self._import, js_handler=_READ_FILE)
                     ui.button(say('cal.compare'), on_click=self._entered).props('no-caps')
         self._refresh()
         ui.timer(_REFRESH, self._refresh)
@@ -168,15 +172,15 @@ class CalibrationView:
         self._text.value = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=110)
         ui.run_javascript(f'getHtmlElement({self._text.id}).scrollIntoView({{block: "center"}})')
 
-    async def _import(self, event: events.UploadEventArguments) -> None:
-        content = await event.file.read()
-        event.sender.reset()  # type: ignore[attr-defined]
-        try:
-            self._text.value = content.decode('utf-8')
-        except UnicodeDecodeError:
+    def _import(self, event: events.GenericEventArguments) -> None:
+        content = event.args
+        if not isinstance(content, str) or len(content) > _LARGEST:
+            self._refused(self._viewer.say('cal.file.large'))
+        elif _NO_TEXT in content:
             self._refused(self._viewer.say('cal.file.text'))
-            return
-        self._entered()
+        else:
+            self._text.value = content
+            self._entered()
 
     def _entered(self) -> None:
         try:
