@@ -475,6 +475,11 @@ def test_page_is_german_where_the_browser_is(site):
         expect(page.locator('header nav')).to_contain_text('Aufzeichnungen')
         expect(page.locator('.hero')).to_contain_text('Standardabweichung')
         expect(page.locator('[data-field="hero.range"]')).to_have_text(re.compile(r'\d+,\d{3}'))
+        page.goto(f'{site.url}/stations')
+        expect(page.locator('[data-field=diagnostics] td:nth-child(3)').first).to_have_attribute('lang', 'en')
+        page.goto(f'{site.url}/configuration')
+        expect(parameter_row(page, 'maximum_range').locator('td').last).to_have_attribute('lang', 'en')
+        page.goto(site.url)
         page.get_by_text('English').click()
         expect(page.locator('.hero')).to_contain_text('Standard deviation')
 

@@ -26,9 +26,11 @@
     if (body.dataset.shown === text) return;
     body.dataset.shown = text;
     body.replaceChildren();
+    const english = (body.dataset.english || '').split(' ');
     for (const cells of rows) {
       const row = body.insertRow();
       for (const value of cells) cell(value, row);
+      for (const column of english) if (column) row.cells[column].lang = 'en';
     }
   }
 

@@ -4,7 +4,7 @@ import contextlib
 import copy
 import dataclasses
 import html
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -134,10 +134,12 @@ def field(tag: str, key: str, classes: str = '', text: str = '') -> ui.element:
     return element
 
 
-def text(tag: str, content: str, classes: str = '') -> ui.element:
-    """Add an element with a fixed text."""
+def text(tag: str, content: str, classes: str = '', english: bool = False) -> ui.element:
+    """Add an element with a fixed text; `english` where it comes from a node, whatever the page's language is."""
     element = ui.element(tag).classes(classes)
     element.props['textContent'] = content
+    if english:
+        element.props['lang'] = 'en'
     return element
 
 
@@ -172,8 +174,16 @@ def section(title: str, classes: str = '') -> ui.element:
     return element
 
 
-def table(key: str, headings: list[str], classes: str = '', limited: bool = False) -> None:
-    """Add a table whose rows the stream fills under `key`; a `limited` one scrolls within a height of its own."""
+def table(key: str, headings: list[str], classes: str = '', limited: bool = False, english: Sequence[int] = ()) -> None:
+    """Add a table whose rows the stream fills under `key`.
+
+    Args:
+        key: of the stream.
+        headings: of the columns.
+        classes: of the table.
+        limited: it scrolls within a height of its own.
+        english: columns whose texts come from nodes, whatever the page's language is.
+    """
     around = ui.element('div').classes('scroll limited' if limited else 'scroll')
     if limited:
         around.props('tabindex=0')  # so that the arrow keys scroll it
@@ -181,7 +191,8 @@ def table(key: str, headings: list[str], classes: str = '', limited: bool = Fals
         with ui.element('thead'), ui.element('tr'):
             for heading in headings:
                 text('th', heading)
-        ui.element('tbody').props['data-field'] = key
+        body = ui.element('tbody')
+        body.props['data-field'], body.props['data-english'] = key, ' '.join(map(str, english))
 
 
 def chart(name: str, options: dict[str, Any], label: str) -> None:

@@ -84,7 +84,7 @@ class ConfigurationView:
                 self._editor(parameter)
             text('td', parameter.unit)
             text('td', parameter.bounds(self._viewer.language))
-            text('td', parameter.description)
+            text('td', parameter.description, english=True)
 
     def _editor(self, parameter: Described) -> None:
         say, current = self._viewer.say, shown(parameter.value, self._viewer.language)
@@ -163,7 +163,10 @@ class ConfigurationView:
             text('td', str(entry.get('user', '')))
             values = [as_number(str(entry.get(key)), self._viewer.language) for key in ('from', 'to')]
             text('td', f'{entry.get("node")} {entry.get("name")}: {" → ".join(values)}')
-            text('td', say('config.accepted') if entry.get('taken') else str(entry.get('reason', '')))
+            if entry.get('taken'):
+                text('td', say('config.accepted'))
+            else:
+                text('td', str(entry.get('reason', '')), english=True)
             with ui.element('td'):
                 if entry.get('taken') and self._viewer.may_change:
                     ui.button(say('config.undo'), on_click=self._undo(entry)).props('no-caps dense flat')

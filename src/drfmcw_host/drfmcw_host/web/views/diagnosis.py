@@ -36,7 +36,8 @@ class DiagnosisView:
         say = viewer.say
         with section(say('diagnosis.watch')):
             field('p', 'watch.none', 'empty')
-            table('watch', [say('stations.level'), say('time.pair'), say('stations.message')])
+            headings = [say('stations.level'), say('time.pair'), say('stations.message')]
+            table('watch', headings, english=(2,))
         with section(say('diagnosis.time')):
             self._choice()
             self._times = ui.element('div')
@@ -116,11 +117,13 @@ def _finding(viewer: Viewer, finding: Finding) -> ui.element:
             text('strong', say(key if key in PHRASES else 'verdict.other'))
             text('span', ' · '.join(filter(None, (finding.pair.replace('/', ' → '), when))), 'quiet')
         for effect in finding.effects:
-            text('p', _described(effect, viewer.language))
+            text('p', _described(effect, viewer.language), english=True)
         chance = general(finding.significance, 2, viewer.language) if finding.significance > 0.0 else '< 1e-300'
         text('p', f'{say("diagnosis.significance")}: {chance}', 'quiet')
         if finding.next_measurement:
-            text('p', f'{say("diagnosis.next")}: {finding.next_measurement}')
+            with ui.element('p'):
+                text('span', f'{say("diagnosis.next")}: ')
+                text('span', finding.next_measurement, english=True)
         if finding.report:
             show_in_place(viewer, say('diagnosis.open'), f'/findings/{finding.name}/report.html')
     return entry

@@ -24,7 +24,7 @@ def build(viewer: Viewer) -> None:
                 choice('level', level, say(f'logs.from.{level}'), level == LOG_LEVELS[0])
         headings = [say(f'logs.{name}') for name in ('time', 'level', 'name', 'message')]
         field('p', 'logs.none', 'empty')
-        table('logs', headings, 'logs', limited=True)
+        table('logs', headings, 'logs', limited=True, english=(3,))
 
 
 def update(store: Store, options: Any) -> dict[str, Any]:

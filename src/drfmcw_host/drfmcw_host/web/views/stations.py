@@ -37,7 +37,8 @@ def build(viewer: Viewer) -> None:
                 field('p', f'{name}.settings', '', NONE)
     with section(say('stations.diagnostics')):
         names = ('level', 'name', 'message', 'hardware')
-        table('diagnostics', [say(f'stations.{name}') for name in names], 'diagnostics')
+        headings = [say(f'stations.{name}') for name in names]
+        table('diagnostics', headings, 'diagnostics', english=(1, 2))
     logs.build(viewer)
     with section(say('stations.version')):
         text('p', viewer.host.version)
