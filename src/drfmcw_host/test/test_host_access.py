@@ -11,6 +11,7 @@ from drfmcw_host.access.attempts import FREE, Attempts
 from drfmcw_host.access.audit import Audit
 from drfmcw_host.access.guard import Guard
 from drfmcw_host.access.passwords import Passwords
+from drfmcw_host.access.requests import Requests
 from drfmcw_host.access.sessions import LIFETIME, Sessions
 from drfmcw_host.host import main
 from drfmcw_physics.settings import ConfigurationError
@@ -101,7 +102,7 @@ def test_guessing_is_slowed_down_and_forgiven():
     assert attempts.wait('address') == 0
 
 
-def serve(method='GET', kind='http', secure=False, **headers):
+def serve(method='GET', kind='http', secure=False, requests=None, client='10.0.7.9', path='/', **headers):
     """Return (status or close code, headers) of one request to a guarded application that answers 200."""
     sent = []
 
@@ -117,8 +118,9 @@ def serve(method='GET', kind='http', secure=False, **headers):
 
     fields = {'host': '127.0.0.1:8400'} | headers
     scope = {'type': kind, 'headers': [(k.encode(), v.encode()) for k, v in fields.items()]}
+    scope |= {'client': (client, 40_000), 'path': path}
     scope |= {'method': method} if kind == 'http' else {}
-    asyncio.run(Guard(application, ['crane.local'], secure)(scope, None, send))
+    asyncio.run(Guard(application, ['crane.local'], secure, requests)(scope, None, send))
     answer = {k.decode(): v.decode() for k, v in sent[0].get('headers', [])}
     return sent[0].get('status', sent[0].get('code', 200)), answer
 
@@ -144,6 +146,31 @@ def test_changing_requests_of_another_origin_are_refused(kind, origin):
 def test_changing_requests_of_the_own_page_are_served(kind):
     assert serve('POST', kind, origin='http://127.0.0.1:8400')[0] == 200
     assert serve('POST', kind, secure=True, origin='https://127.0.0.1:8400')[0] == 200
+
+
+def test_too_many_requests_of_one_address_are_refused_and_others_served():
+    """Twenty browsers behind one address open a page with all that belongs to it; a flood gets 429 and waits."""
+    now = [0.0]
+    requests = Requests(clock=lambda: now[0])
+    for _ in range(20):
+        assert serve(requests=requests)[0] == 200
+        assert all(serve(requests=requests, path='/static/host.css')[0] == 200 for _ in range(20))
+    origin = 'http://127.0.0.1:8400'
+    answers = [serve(requests=requests) for _ in range(100)]
+    assert [status for status, _ in answers].count(200) == 40
+    status, headers = answers[-1]
+    assert status == 429 and headers['retry-after'] == '1' and headers['x-frame-options'] == 'DENY'
+    assert serve('', 'websocket', requests=requests, path='/live', origin=origin)[0] == 1008
+    assert serve(requests=requests, client='10.0.7.10')[0] == 200
+    now[0] += 1.0
+    assert [serve(requests=requests)[0] for _ in range(11)] == [200] * 10 + [429]
+
+
+def test_addresses_that_are_remembered_are_bounded():
+    requests = Requests(clock=lambda: 0.0)
+    for i in range(30_000):
+        requests.wait(str(i), 1.0)
+    assert len(requests._buckets) == 10_000
 
 
 def test_every_answer_has_the_headers():

@@ -1,6 +1,8 @@
 """What the stream sends to each view, without a browser."""
 
+import asyncio
 import dataclasses
+import json
 import time
 from xml.etree import ElementTree
 
@@ -10,7 +12,7 @@ import pytest
 from drfmcw_host.state.readings import Diagnostic, Health, Line, RangeReading, SiteReading, SpectrumReading
 from drfmcw_host.state.store import Store
 from drfmcw_host.state.verdicts import Span
-from drfmcw_host.web.live import Options
+from drfmcw_host.web.live import Live, Options
 from drfmcw_host.web.views import diagnosis, signals, stations, strip
 from drfmcw_host.web.views import now as now_view
 from drfmcw_physics.oscillators import Calibration
@@ -157,3 +159,47 @@ def test_weather_says_how_old_it_is(live):
     assert now_view.weather(store, 'de') == ('Wetter: 15,0 °C (vor 3:07 min) · – · –', 'good')
     now[0] += 800.0
     assert now_view.weather(store, 'en') == ('Weather, STALE: 15.0 °C (16:27 min ago) · – · –', 'stale')
+
+
+class Socket:
+    """A browser that takes messages until it leaves."""
+
+    def __init__(self, address):
+        self.client = type('Client', (), {'host': address})
+        self.query_params = {'view': 'stations'}
+        self.leaves = asyncio.Event()
+        self.state = 'new'
+
+    async def accept(self):
+        self.state = 'open'
+
+    async def close(self, code):
+        self.state = code
+
+    async def receive(self):
+        await self.leaves.wait()
+
+    async def send_text(self, text):
+        assert 'layout' in json.loads(text)
+
+
+def test_one_address_does_not_take_all_streams():
+    async def watch():
+        live = Live(Store())
+        greedy, other = [Socket('10.0.7.9') for _ in range(60)], [Socket(f'10.0.8.{i}') for i in range(60)]
+        serving = [asyncio.ensure_future(live.serve(socket)) for socket in (*greedy, *other)]
+        await asyncio.sleep(0.1)
+        assert [s.state for s in greedy] == ['open'] * 50 + [1013] * 10
+        assert [s.state for s in other] == ['open'] * 50 + [1013] * 10
+        for socket in greedy:
+            socket.leaves.set()
+        await asyncio.gather(*serving[:60])
+        again = Socket('10.0.7.9')
+        serving.append(asyncio.ensure_future(live.serve(again)))
+        await asyncio.sleep(0.1)
+        assert again.state == 'open'
+        for socket in (*other, again):
+            socket.leaves.set()
+        await asyncio.gather(*serving)
+
+    asyncio.run(watch())

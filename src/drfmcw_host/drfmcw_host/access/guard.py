@@ -1,9 +1,11 @@
-"""What every request passes first: known Host, own Origin, security headers. Plain ASGI, for HTTP and WebSocket."""
+"""What every request passes first: a limit, known Host, own Origin, security headers. ASGI, HTTP and WebSocket."""
 
 import ipaddress
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from typing import Any
 from urllib.parse import urlsplit
+
+from .requests import Requests, cost
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -43,16 +45,20 @@ _LARGEST_BODY = 1_000_000  # of a request [bytes]
 
 
 class Guard:
-    """Refuses requests for another host's name and changing ones of another origin; adds the headers."""
+    """Refuses too many requests, those for another host's name, changing ones of another origin; adds the headers."""
 
-    def __init__(self, application: Application, names: Iterable[str], secure: bool = False) -> None:
+    def __init__(
+        self, application: Application, names: Iterable[str], secure: bool = False, requests: Requests | None = None
+    ) -> None:
         """Wrap an application.
 
         Args:
             application: what is guarded.
             names: host names that this server answers to, in addition to localhost and addresses of numbers.
             secure: served by TLS.
+            requests: limits them by address.
         """
+        self._requests = requests or Requests()
         self._application = application
         self._names = {'localhost', *(name.lower() for name in names)}
         self._secure = secure
@@ -93,7 +99,9 @@ class Guard:
         if scope['type'] not in ('http', 'websocket'):
             await self._application(scope, receive, send)
             return
-        reason = self._refusal(scope)
+        address = (scope.get('client') or ('',))[0]
+        seconds = self._requests.wait(address, cost(scope['path']))
+        reason = f'too many requests, come again in {seconds} s' if seconds else self._refusal(scope)
         if reason and scope['type'] == 'websocket':
             await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
             return
@@ -105,7 +113,8 @@ class Guard:
 
         if reason:
             plain = [(b'content-type', b'text/plain; charset=utf-8')]
-            await guarded({'type': 'http.response.start', 'status': 403, 'headers': plain})
+            plain += [(b'retry-after', str(seconds).encode())] if seconds else []
+            await guarded({'type': 'http.response.start', 'status': 429 if seconds else 403, 'headers': plain})
             await guarded({'type': 'http.response.body', 'body': f'refused: {reason}\n'.encode()})
             return
         await self._application(scope, receive, guarded)

@@ -1,6 +1,7 @@
 """The stream of changed values: encoded once per view and its options, sent to every browser that shows it."""
 
 import asyncio
+import collections
 import dataclasses
 import math
 from collections.abc import Callable
@@ -21,7 +22,7 @@ INTERVAL = 1.0 / 30.0
 
 _QUIET = 0.1  # the same of the other views, whose charts and tables change less often [s]
 
-_LIMIT = 100  # browsers at a time
+_LIMIT, _OF_ONE = 100, 50  # browsers at a time: all together, and of one address
 _SEND_LIMIT = 10.0  # after which a browser that takes nothing is given up [s]
 _NOTHING: Callable[[Store, 'Options', bool], dict[str, Any]] = lambda store, options, charts: {}  # noqa: E731
 
@@ -69,7 +70,7 @@ class Live:
         """Show what is in the store."""
         self._store = store
         self._messages: dict[tuple[Options, bool], tuple[int, bytes, float]] = {}
-        self.browsers = 0
+        self._browsers = collections.Counter[str]()  # by address
 
     def message(self, options: Options, whole: bool) -> bytes:
         """Return the message of this tick; `whole` one holds charts and tables whatever their interval."""
@@ -91,11 +92,12 @@ class Live:
 
     async def serve(self, socket: WebSocket) -> None:
         """Send messages to one browser until it leaves; one that is slow gets the newest, not all."""
-        if self.browsers >= _LIMIT:
+        address = socket.client.host if socket.client else ''
+        if self._browsers.total() >= _LIMIT or self._browsers[address] >= _OF_ONE:
             await socket.close(1013)
             return
         await socket.accept()
-        self.browsers += 1
+        self._browsers[address] += 1
         options, whole = Options.of(socket.query_params), True
         pace = pace_of(options)
         listening = asyncio.ensure_future(socket.receive())
@@ -108,7 +110,7 @@ class Live:
         except (WebSocketDisconnect, TimeoutError, RuntimeError):
             pass
         finally:
-            self.browsers -= 1
+            self._browsers -= collections.Counter({address: 1})  # without those that have none left
             listening.cancel()
 
 
