@@ -69,6 +69,10 @@ class ModelLimits:
     coherence: float = 0.005
     """Of the coherence of both lines' noise [1]; chosen."""
 
+    coherence_added: float = 0.1
+    """Relative to what an explanation adds to that coherence; chosen: it is of first order in the phase noise, and the
+    next term is the phase's variance, which strong phase noise makes as large [rad^2]."""
+
     movement: float = 1e-5
     """Of the carrier phase as a movement [m]; chosen."""
 
@@ -122,8 +126,11 @@ class ScatterLimits:
     steady: int = 3
     """Terms of the ramp that slow changes of the conditions may move from sweep to sweep; chosen."""
 
-    free: int = 2
-    """Cosine terms that amplitude, phase and frequency of each sweep take out of the ramp; derived."""
+    free_amplitude: int = 1
+    """Cosine terms that the amplitude of each sweep takes out of the course of amplitudes; derived."""
+
+    free_phase: int = 2
+    """Cosine terms that phase and frequency of each sweep take out of the course of phases; derived."""
 
     trend_from: int = 8
     """Terms below which that course counts as level: at the edge of a fit a strong modulation would pass for noise;

@@ -95,9 +95,10 @@ class NoiseModel:
         floor = np.stack(
             [self._floor(state.stations[i], p[None]) for i, p in zip(self._topology.heard, passed, strict=True)], axis=1
         )
-        # a band that a line fills is not compared
-        filled = np.abs(centre - own) < SPECTRUM.line * (rate / 2 / (self._bins - 1))
-        total = floor + np.where(filled, np.nan, skirts)
+        width = rate / 2 / (self._bins - 1)
+        kept = (SPECTRUM.edge * width <= centre) & (centre <= rate / 2 - SPECTRUM.edge * width)
+        kept = kept & (np.abs(centre - own) >= SPECTRUM.line * width)  # a band that a line fills is not compared
+        total = floor + np.where(kept, skirts, np.nan)
         noise = 10.0 * np.log10(_median(total.reshape(*line.shape, SPECTRUM.bands, SIMULATION.frequencies)))
         decisive = (
             int(part.groups[0]),

@@ -177,4 +177,5 @@ COHERENCE = Coherence(
     axis='if_frequency',
     label='noise that both lines share',
     widest=SIDEBANDS.farthest,
+    trust=Trust(usual=MODEL.coherence_added),
 )

@@ -41,13 +41,15 @@ class Ramp(_OfChannels):
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean over each group; free terms are not compared."""
         std = np.full((len(evidence.counts), *evidence.ramps[0].shape[1:]), np.inf)
-        for g, ramp in enumerate(evidence.ramps):
-            if evidence.recorded.scatters:
-                variance = ramp[..., SCATTER.free :].var(axis=0, ddof=1)
-                variance = uniform_filter1d(variance, SCATTER.smooth, mode='nearest', axis=-1)
-            else:
-                variance = evidence.white[g]['ramp'][:, None]
-            std[g, :, SCATTER.free :] = np.sqrt(variance / len(ramp))
+        for row, channel in enumerate(evidence.recorded.channels):
+            first = SCATTER.free_phase if channel.of_phase else SCATTER.free_amplitude
+            for g, ramp in enumerate(evidence.ramps):
+                if evidence.recorded.scatters:
+                    variance = ramp[:, row, first:].var(axis=0, ddof=1)
+                    variance = uniform_filter1d(variance, SCATTER.smooth, mode='nearest')
+                else:
+                    variance = evidence.white[g]['ramp'][row]
+                std[g, row, first:] = np.sqrt(variance / len(ramp))
         return np.stack([ramp.mean(axis=0) for ramp in evidence.ramps]), std
 
     def predicted(self, expected: Expected) -> np.ndarray:
