@@ -3,12 +3,14 @@
 Each line of the tests is deterministic by its seed; with other seeds the false-alarm tests fail about once in 10 000.
 """
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from drfmcw_import.convert.checks import Statistics, findings
+from drfmcw_import.convert.codes import Coder
 from drfmcw_physics.sweep import SweepSettings
 
 FULL_SCALE = 2048.0
@@ -31,11 +33,11 @@ def line(sweeps=64, count=256, turns=13.3, amplitude=0.4, iq=False, seed=5):
     return np.rint((parts + rng.normal(0.0, 0.01, parts.shape)) * FULL_SCALE).clip(-2048, 2047).astype(np.int16)
 
 
-def warnings(codes, full_scale=FULL_SCALE, bandwidth=150e6, roundings=0.0):
+def warnings(codes, full_scale=FULL_SCALE, bandwidth=150e6, coder=None):
     statistics = Statistics()
     for block in np.array_split(codes, 3):
         statistics.add(block)
-    return [f.sentence for f in findings(statistics, sweep(codes.shape[1], bandwidth), full_scale, roundings)
+    return [f.sentence for f in findings(statistics, sweep(codes.shape[1], bandwidth), full_scale, coder)
             if not f.agrees]  # fmt: skip
 
 
@@ -69,7 +71,8 @@ def test_scaled_codes_are_seen():
 
 
 def test_numbers_between_codes_are_seen():
-    assert any('away from whole codes' in w for w in warnings(line(), roundings=0.4))
+    coder = Coder(12, 'signed', 1.0, False, 'float64', roundings=0.4)
+    assert any('away from whole codes' in w for w in warnings(line(), coder=coder))
 
 
 def test_offset_binary_read_as_signed_is_seen():
@@ -97,6 +100,55 @@ def test_blocks_read_as_one_sweep_are_seen(blocks):
     assert f'hold {blocks} blocks' in said and 'before sample' in said
 
 
+def test_a_block_whose_border_happens_to_fit_is_seen_by_the_others():
+    """The signal is limited and stands still, as of Position2Go: steps to the rails are as large as the jumps."""
+    time = np.arange(64)
+    swell = 1.6 * np.sin(np.pi * (time + 0.5) / 64)
+    blocks = ((0.3, 0.1), (1.9, 0.1), (4.4, -0.15), (0.9, 0.2))  # phase and constant of each
+    each = [swell * np.cos(2 * np.pi * 0.047 * time + phase) + constant for phase, constant in blocks]
+    one = np.clip(np.concatenate(each), -0.8, 0.8) * FULL_SCALE
+    noise = np.random.default_rng(2).normal(0.0, 3.0, (16, 256))
+    codes = np.rint(one + noise).astype(np.int16)[..., None]
+    assert any('hold 4 blocks' in w for w in warnings(codes))
+    assert not any('blocks' in w for w in warnings(codes[:, :64]))
+
+
+@pytest.mark.parametrize('iq', [False, True])
+def test_sweeps_that_are_cut_too_short_are_seen(iq):
+    """Read with a quarter of their samples, three of four sweeps go on where the one before ends."""
+    whole = line(sweeps=24, count=512, turns=21.3, iq=iq)
+    (said,) = warnings(whole.reshape(96, 128, -1))
+    assert '4 sweeps of 128 samples seem to be one' in said and 'size 512' in said
+
+
+def test_pieces_of_one_sweep_are_seen():
+    (said,) = warnings(line(sweeps=1, count=2000, turns=17.3).reshape(4, 500, 1))
+    assert '4 sweeps of 500 samples seem to be one' in said and 'size 2000' in said
+
+
+@pytest.mark.parametrize('turns', [16.0, 20.0, 20.3, 32.0, 42.7])
+def test_a_target_that_stands_raises_no_warning(turns):
+    """Its line repeats from sweep to sweep, also where it stands at a simple fraction of the sampling rate."""
+    noise = np.random.default_rng(3).normal(0.0, 0.004, (64, 128, 1))
+    one = 0.4 * np.cos(2 * np.pi * turns * np.arange(128) / 128 + 0.4)[:, None]
+    assert warnings(np.rint((one + noise) * FULL_SCALE).astype(np.int16)) == []
+
+
+@pytest.mark.parametrize('iq', [False, True])
+def test_receivers_that_alternate_are_seen_by_their_steps(iq):
+    """Two lines, each with a phase of its own at each receiver: no image is as strong as the line."""
+    rng = np.random.default_rng(12)
+    time, phase = np.arange(128), rng.uniform(0.0, 2 * np.pi, (64, 1))
+    each = []
+    for receiver in range(4):
+        far, near = (2 * np.pi * f * time + phase + a * receiver for f, a in ((0.031, 0.4), (0.083, -0.7)))
+        parts = np.stack([np.cos(far) + np.cos(near), np.sin(far) + np.sin(near)], axis=-1)[..., : 2 if iq else 1]
+        each.append(0.2 * parts + rng.normal(0.0, 0.003, parts.shape))
+    mixed = np.stack(each, axis=2).reshape(64, 512, -1)
+    (said,) = warnings(np.rint(mixed * FULL_SCALE).astype(np.int16))
+    assert '4 sources alternate sample by sample' in said
+
+
 @pytest.mark.parametrize('sources', [2, 4])
 def test_sources_that_alternate_are_seen(sources):
     each = [line(count=256 // sources, turns=5.3, seed=seed) for seed in range(sources)]
@@ -110,6 +162,47 @@ def test_clipping_is_seen_with_its_share():
     (said,) = warnings(clipped)
     assert 'stand at the rails' in said
     assert abs(float(said.split('%')[0]) / 100 - true) < 0.05
+
+
+@pytest.mark.parametrize('codes', [[77], [-1, 0, 1], [-2048, 2047], list(range(-4, 5))])
+def test_no_more_than_all_samples_stand_at_the_rails(codes):
+    drawn = np.random.default_rng(1).choice(codes, (8, 64, 1)).astype(np.int16)
+    for said in warnings(drawn):
+        assert 'stand at the rails' not in said or float(said.split('%')[0]) <= 100.0
+
+
+def test_limited_samples_do_not_pass_for_another_coding():
+    """A limiter makes steps from rail to rail, which wrapped codes make as well."""
+    limited = line(turns=78.1, amplitude=4.0)
+    assert not any('whole range' in w for w in warnings(limited))
+
+
+@pytest.mark.parametrize(
+    'coding, stored, advice',
+    [
+        ('offset_binary', 'uint16', 'coding: wrapped'),
+        ('signed', 'int16', 'type: uint16'),
+        ('wrapped', 'int16', 'type: uint16'),
+        ('signed', 'float64', 'coding: offset_binary'),
+    ],
+)
+def test_the_right_coding_is_named(coding, stored, advice):
+    codes = (line().astype(int) % 4096 - 2048).astype(np.int16)
+    (said,) = warnings(codes, coder=Coder(12, coding, 1.0, True, stored))
+    assert 'across the whole range' in said and advice in said
+
+
+def test_another_byte_order_is_seen():
+    codes = (line(amplitude=0.4) * 8).astype(np.int16).byteswap()
+    assert any('byte order' in w for w in warnings(codes, 32768.0))
+
+
+def test_samples_of_half_a_ramp_are_seen():
+    half = dataclasses.replace(sweep(256), ramp_duration=2e-3, bandwidth=300e6)
+    statistics = Statistics()
+    statistics.add(line())
+    (said,) = [f.sentence for f in findings(statistics, half, FULL_SCALE) if not f.agrees]
+    assert 'cover 1000 us, 50% of the ramp of 2000 us' in said
 
 
 def test_dead_samples_and_dead_sweeps_are_seen():
@@ -127,5 +220,5 @@ def test_samples_beyond_the_ramp_are_seen():
     statistics.add(codes)
     short = sweep(256)
     short = SweepSettings(**{**vars(short), 'ramp_duration': 0.8e-3})
-    said = [f.sentence for f in findings(statistics, short, FULL_SCALE, 0.0) if not f.agrees]
+    said = [f.sentence for f in findings(statistics, short, FULL_SCALE) if not f.agrees]
     assert any('sample_count: 204' in s for s in said)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
+import yaml
 
 from drfmcw_import.convert.settings import RadarSettings
 from drfmcw_import.formats.base import known_formats
@@ -102,6 +104,65 @@ def test_wav_reports_jitter_below_a_sample(tmp_path, capsys):
     assert 0.24 < jitter < 0.36  # 0.3 with 200 draws: 4 standard deviations, false in 1 of 15 000; the seed is fixed
     stamps = read_sweeps(tmp_path / 'out')[0].stamps
     assert np.abs((stamps - stamps[0]) * 48e-6 - (instants - instants[0])).max() < 0.02  # stamps keep the fractions
+
+
+def test_a_channel_that_holds_no_sync_is_refused(tmp_path, capsys):
+    paths, settings, _ = cases.wav_with_sync(tmp_path)
+    track, rate = soundfile.read(str(paths[0]), dtype='int16')
+    for n, turns in enumerate((3.1, 5.2, 7.3, 9.4, 11.5, 13.6)):  # the IF of a target that moves
+        track[37 + 100 * n :][:100, 0] = 9000 * np.sin(2 * np.pi * turns * np.arange(100) / 100)
+    soundfile.write(str(paths[0]), track, rate, subtype='PCM_16')
+    settings['options'] |= {'sync_channel': 0}
+    assert imported(tmp_path, paths, settings) == 2
+    said = capsys.readouterr().err
+    assert 'it is no sync channel; channel 1 switches between two levels' in said and said.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+def test_axes_that_contradict_the_file_are_said(tmp_path, capsys):
+    """The JSON file states three receivers; the axes make them two."""
+    paths, settings, _ = cases.infineon(tmp_path)
+    np.save(paths[0], np.load(paths[0])[:, :, :2])  # two chirps of three receivers
+    settings['layout'] = {'axes': ['frame', 'chirp', 'receiver', 'sample']}
+    assert imported(tmp_path, paths, settings) == 0
+    said = capsys.readouterr().out
+    assert 'its axes have 2 receivers, but the settings beside it state 3 receivers' in said
+
+
+@pytest.mark.parametrize('kind', ['i2', 'i1'])
+def test_unsigned_numbers_read_as_signed_are_named(kind, tmp_path, capsys):
+    own = cases.codes(bits=8 * int(kind[1]), count=24)[:, 0, :, 0]
+    unsigned = own.astype(int) + 2 ** (8 * int(kind[1]) - 1)
+    (tmp_path / 'a.bin').write_bytes(unsigned.astype(f'<u{kind[1]}').tobytes())
+    name = np.dtype(kind).name
+    settings = {'radar': cases.RADAR, 'options': {'type': name}, 'samples': {'coding': 'offset_binary'}}
+    settings['layout'] = {'axes': ['chirp', 'sample'], 'shape': [-1, cases.SAMPLES]}
+    assert imported(tmp_path, [tmp_path / 'a.bin'], settings) == 2
+    assert f'set options: type: u{name}' in capsys.readouterr().err
+    settings['samples'] = {'coding': 'signed'}
+    assert imported(tmp_path, [tmp_path / 'a.bin'], settings) == 0
+    assert f'set options: type: u{name}' in capsys.readouterr().out
+
+
+REAL_ORDERS = {  # wrong layouts of real files: settings, file, changes, what is said
+    'receivers before samples': ('awr1243', 'awr1243_interferer.bin', 'receiver, sample, iq], shape: [-1, 4, 512, 2]',
+                                 '4 sources alternate'),
+    'no receivers': ('awr1243', 'awr1243_interferer.bin', 'sample, iq], shape: [-1, 512, 2]', '4 sources alternate'),
+    'half a sweep': ('awr1243', 'awr1243_interferer.bin', 'sample, receiver, iq], shape: [-1, 256, 4, 2]',
+                     '2 sweeps of 256 samples seem to be one'),
+    'four blocks as one': ('position2go', 'p2g_saturated.txt', 'sample], shape: [-1, 256]', 'hold 4 blocks'),
+    'four blocks as I and Q': ('position2go', 'p2g_saturated.txt', 'iq, sample], shape: [-1, 2, 128]', 'hold 2 blocks'),
+}  # fmt: skip
+
+
+@pytest.mark.skipif(not REAL.exists(), reason='no real recordings here')
+@pytest.mark.parametrize('name', REAL_ORDERS)
+def test_a_wrong_order_of_real_samples_is_said(name, tmp_path, capsys):
+    settings, file, order, expected = REAL_ORDERS[name]
+    written = yaml.safe_load((ROOT / f'config/import/{settings}.yaml').read_text())
+    written['layout'] = yaml.safe_load(f'{{axes: [chirp, {order}}}')
+    assert imported(tmp_path, [REAL / 'raw' / file], written) == 0
+    assert any(expected in text for text in capsys.readouterr().out.splitlines() if 'warning' in text)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason='no real recordings here')

@@ -3,32 +3,26 @@
 Each check gives one sentence: what is there, and where that contradicts the settings, what to set instead.
 """
 
-import dataclasses
-
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import SweepSettings
 
 from ..formats.base import Numbers
+from .codes import ACROSS, LARGE, Coder, are_half_a_range_off, byte_swapped, jumps
+from .finding import Finding
+from .order import order_findings
+from .spectra import averaged_spectrum, near_zero, strongest
 
 _KEPT = 1 << 22  # numbers kept for what needs whole sweeps
+_JUMPS = 1e-3  # of the steps that go across the whole range: the coding is wrong
+_FEW = 8  # different codes, below which nothing can be said of rails
+_COVERED = 0.75  # of the ramp that the samples should cover
 _UNEVEN = 2.0  # times as often as the odd ones the even codes occur, or the other way round
 _RAILS = (0.002, 0.005)  # of the used range: widths of a rail, whose codes scatter
 _PILED = 8.0  # times as many samples on a rail as beside it: the receiver limits there
-_STEP = 4.0  # times the mean square step within: a border between blocks
+_OTHER_CODING = 'wrapped, offset binary or unsigned codes were imported with another samples: coding'
 _WRONG_SIDE = 10.0  # dB by which the wrong side band exceeds the right one
-_MIRRORED = 6.0  # dB within which an image of each line shows interleaved sources
-_PERIODS = (8, 6, 4, 3, 2)
-_BLOCKS = (8, 4, 3, 2)
-
-
-@dataclasses.dataclass(frozen=True)
-class Finding:
-    """One sentence about the samples."""
-
-    agrees: bool  # False: a warning
-    sentence: str
 
 
 class Statistics:
@@ -69,42 +63,32 @@ class Statistics:
         return np.asarray((self._low == self._high).all(axis=-1))
 
 
-def findings(statistics: Statistics, sweep: SweepSettings, full_scale: float, roundings: float) -> list[Finding]:
+def findings(
+    statistics: Statistics, sweep: SweepSettings, full_scale: float, coder: Coder | None = None
+) -> list[Finding]:
     """Return what the samples of one station say about the settings.
 
     Args:
         statistics: of all its sweeps.
         sweep: its settings.
         full_scale: of the ADC [LSB].
-        roundings: largest distance of the file's numbers from whole codes [LSB].
+        coder: that made the codes of a file's numbers; None where the codes are all that is known.
     """
     kept = statistics.kept
     iq = kept.shape[2] == 2
     signal = kept[..., 0] + 1j * kept[..., 1] if iq else kept[..., 0]
-    result = [_whole(roundings), *_codes(statistics.histogram, full_scale), _offset(statistics.histogram, full_scale)]
-    result.append(_wrapping(kept, full_scale))
-    result.append(_rails(statistics.histogram))
+    result = [_whole(coder.roundings if coder else 0.0), *_codes(statistics.histogram, full_scale)]
+    result.append(_offset(statistics.histogram, full_scale))
+    wrapping = _wrapping(kept, full_scale, coder)
+    result.append(wrapping)
+    if wrapping.agrees:
+        result.append(_rails(statistics.histogram))
     result += _dead(statistics, sweep)
-    result.append(_block_borders(kept))
+    result += order_findings(signal)
     spectrum = averaged_spectrum(signal)
-    result.append(_interleaving(spectrum, iq))
     result.append(_sides(spectrum, sweep) if iq else Finding(True, 'a real IF cannot show the sign of the ramp'))
-    result += _line(spectrum, sweep, iq)
+    result.append(_line(spectrum, sweep, iq))
     return [f for f in result if f.sentence]
-
-
-def averaged_spectrum(signal: Numbers) -> Numbers:
-    """Return the mean power spectrum of (n, N) sweeps after a Hann window, all N bins, each sweep's mean removed."""
-    window = np.hanning(signal.shape[1] + 2)[1:-1]
-    power: Numbers = np.mean(np.abs(np.fft.fft((signal - signal.mean(axis=1, keepdims=True)) * window)) ** 2, axis=0)
-    return power
-
-
-def local_maxima(power: Numbers) -> Numbers:
-    """Return powers with zero where they are no local maximum along the last axis: the skirt of 0 Hz is no line."""
-    around = np.pad(power, [(0, 0)] * (power.ndim - 1) + [(1, 1)], mode='edge')
-    peaks: Numbers = np.where((power >= around[..., :-2]) & (power >= around[..., 2:]), power, 0.0)
-    return peaks
 
 
 def _whole(roundings: float) -> Finding:
@@ -126,6 +110,8 @@ def _codes(histogram: Numbers, full_scale: float) -> list[Finding]:
     share = max(abs(low), abs(high)) / full_scale
     span = high - low + 1
     text = f'codes {low} ... {high} ({share:.0%} of full scale {full_scale:g}), {len(used)} different'
+    if len(used) < _FEW:
+        return [Finding(False, f'{text}: too few to be samples of an IF: samples: bits, span or span_codes is wrong')]
     if step > 1:
         spare = int(np.log2(step))
         return [
@@ -183,17 +169,17 @@ def _offset(histogram: Numbers, full_scale: float) -> Finding:
     return Finding(True, text)
 
 
-def _wrapping(kept: Numbers, full_scale: float) -> Finding:
-    steps = np.abs(np.diff(kept, axis=1))
-    share = float(np.mean(steps > 1.8 * full_scale))
-    if share > 1e-3:
-        return Finding(
-            False,
-            f'{share:.1%} of the steps from sample to sample go across the whole range: negative codes seem to be '
-            'read as large ones or offset ones as signed: try samples: coding: wrapped, offset_binary or signed, or '
-            'the other byte order',
-        )
-    return Finding(True, 'no jumps across the whole range')
+def _wrapping(kept: Numbers, full_scale: float, coder: Coder | None) -> Finding:
+    """Say whether codes jump across the range, and which other reading of the same bits does not."""
+    across, large = (jumps(kept, full_scale, least) for least in (ACROSS, LARGE))
+    text = 'of the steps from sample to sample go across the whole range'
+    if large > _JUMPS and are_half_a_range_off(kept, full_scale):
+        return Finding(False, f'{large:.1%} {text}: {coder.other_coding if coder else _OTHER_CODING}')
+    if across <= _JUMPS:
+        return Finding(True, 'no jumps across the whole range')
+    if full_scale == 32768.0 and jumps(byte_swapped(kept), full_scale) < 0.1 * across:
+        return Finding(False, f'{across:.1%} {text}: set the other byte order (options: byte_order of a raw file)')
+    return Finding(False, f'{across:.1%} {text}: check samples: bits and coding, and the layout')
 
 
 def rail_shares(histogram: Numbers) -> tuple[float, float]:
@@ -201,11 +187,12 @@ def rail_shares(histogram: Numbers) -> tuple[float, float]:
     used = np.flatnonzero(histogram)
     total = histogram.sum()
     counts = histogram[used[0] : used[-1] + 1]
+    most = len(counts) // 2  # no sample counts at both rails
     shares = []
     for side in (counts, counts[::-1]):
         share = 0.0
-        for width in (max(2, round(part * len(counts))) for part in _RAILS):
-            rail, beside = side[:width].sum(), side[width : 2 * width].sum()
+        for width in {min(max(2, round(part * len(counts))), most) for part in _RAILS} - {0}:
+            rail, beside = side[:width].sum(), side[width : min(2 * width, len(counts) - width)].sum()
             if rail > _PILED * max(beside, 1) and rail > 16:
                 share = max(share, float(rail / total))
         shares.append(share)
@@ -213,6 +200,8 @@ def rail_shares(histogram: Numbers) -> tuple[float, float]:
 
 
 def _rails(histogram: Numbers) -> Finding:
+    if np.count_nonzero(histogram) < _FEW:
+        return Finding(True, '')
     low, high = rail_shares(histogram)
     if low + high > 1e-3:
         return Finding(
@@ -251,6 +240,15 @@ def _dead(statistics: Statistics, sweep: SweepSettings) -> list[Finding]:
                 'ramp_duration or sample_rate',
             )
         )
+    elif sweep.record_duration < _COVERED * sweep.ramp_duration:
+        result.append(
+            Finding(
+                False,
+                f'the samples cover {sweep.record_duration * 1e6:.4g} us, '
+                f'{sweep.record_duration / sweep.ramp_duration:.0%} of the ramp of {sweep.ramp_duration * 1e6:.4g} us: '
+                "is this so, or is ramp_duration, sample_rate or the layout's number of samples wrong?",
+            )
+        )
     return result or [Finding(True, 'no dead samples')]
 
 
@@ -264,57 +262,10 @@ def kept_runs(kept: Numbers) -> float:
     return float(np.mean(sums[:, 7:] - sums[:, :-7] == 7))
 
 
-def _block_borders(kept: Numbers) -> Finding:
-    """Compare the mean square step across possible borders of blocks with that within."""
-    steps = np.mean(np.diff(kept, axis=1) ** 2, axis=(0, 2))  # (N - 1,)
-    count = kept.shape[1]
-    for blocks in _BLOCKS:
-        if count % blocks or count // blocks < 8:
-            continue
-        at = np.arange(1, blocks) * (count // blocks) - 1
-        within = np.delete(steps, at)
-        level = float(np.mean(within))
-        if level > 0.0 and np.min(steps[at]) > max(_STEP * level, float(np.percentile(within, 99))):
-            return Finding(
-                False,
-                f'steps between blocks of {count // blocks} samples are {np.mean(steps[at]) / level:.0f} times (mean '
-                f'square) those within: a sweep seems to hold {blocks} blocks: put receiver, iq, ramp or chirp as an '
-                f'axis of size {blocks} before sample',
-            )
-    return Finding(True, 'no jumps at the borders of blocks')
-
-
-def _interleaving(spectrum: Numbers, iq: bool) -> Finding:
-    """Look for images of the strongest line at multiples of 1 / p of the sampling rate: p sources."""
-    count = len(spectrum)
-    guard = max(3, count // 128)
-    usable = local_maxima(spectrum)
-    usable[:guard] = usable[count - guard + 1 :] = 0.0
-    if not iq:
-        usable[count // 2 + 1 :] = 0.0
-    floor = float(np.median(spectrum))
-    line = int(np.argmax(usable))
-    if usable[line] < 30.0 * floor:
-        return Finding(True, '')
-    for period in _PERIODS:
-        if count % period:
-            continue
-        images = [(line + count * m // period) % count for m in range(1, period)]
-        apart = [min(abs(i - j) % count for j in (line, count - line)) > 2 * guard for i in images]
-        strengths = [max(spectrum[(i + d) % count] for d in (-1, 0, 1)) for i in images]
-        if all(apart) and min(strengths) > max(10.0 * floor, usable[line] * 10 ** (-_MIRRORED / 10)):
-            return Finding(
-                False,
-                f'each line has images at {period - 1} multiple(s) of 1/{period} of the sampling rate: {period} '
-                f'sources alternate sample by sample: put receiver or iq as an axis of size {period} behind sample',
-            )
-    return Finding(True, 'no images as of sources that alternate sample by sample')
-
-
 def side_powers(spectrum: Numbers) -> tuple[float, float]:
     """Return the strongest power at positive and at negative frequencies, some bins around 0 Hz left out."""
     count = len(spectrum)
-    guard = max(3, count // 128)
+    guard = near_zero(count)
     return float(spectrum[guard : count // 2].max()), float(spectrum[count // 2 + 1 : count - guard + 1].max())
 
 
@@ -337,25 +288,22 @@ def _sides(spectrum: Numbers, sweep: SweepSettings) -> Finding:
     )
 
 
-def _line(spectrum: Numbers, sweep: SweepSettings, iq: bool) -> list[Finding]:
+def _line(spectrum: Numbers, sweep: SweepSettings, iq: bool) -> Finding:
     count = len(spectrum)
+    if not spectrum.any():
+        return Finding(False, 'there is no line')
+    at = strongest(spectrum, iq)
     half = spectrum if iq else spectrum[: count // 2]
-    guard = max(3, count // 128)
-    inner = local_maxima(half)
-    inner[:guard] = 0.0
-    if iq:
-        inner[count - guard + 1 :] = 0.0
-    at = int(np.argmax(inner))
-    snr = 10.0 * float(np.log10(max(inner[at], 1e-30) / max(float(np.median(half)), 1e-30)))
+    snr = 10.0 * float(np.log10(max(spectrum[at], 1e-30) / max(float(np.median(half)), 1e-30)))
     bins = at if at < count / 2 else at - count
     frequency = bins * sweep.sample_rate / count
-    distance = abs(frequency / sweep.chirp_rate) * SPEED_OF_LIGHT / 2
+    delay = abs(frequency / sweep.chirp_rate)
     text = (
-        f'strongest line at {frequency / 1e3:.4g} kHz ({snr:.0f} dB above the median), a path of '
-        f'{abs(frequency / sweep.chirp_rate) * 1e9:.4g} ns or a target at {distance:.4g} m'
+        f'strongest line at {frequency / 1e3:.4g} kHz ({snr:.0f} dB above the median), a path of {delay * 1e9:.4g} ns '
+        f'or a target at {delay * SPEED_OF_LIGHT / 2:.4g} m'
     )
     if abs(bins) > 0.48 * count:
-        return [
-            Finding(False, f'{text}: at the Nyquist frequency; samples of two sources may alternate, or a sign does')
-        ]
-    return [Finding(True, text)]
+        return Finding(False, f'{text}: at the Nyquist frequency; samples of two sources may alternate, or a sign does')
+    if sweep.hears_itself and delay > min(sweep.ramp_duration, sweep.record_duration):
+        return Finding(False, f'{text}: later than a sweep lasts: bandwidth, ramp_duration or sample_rate is wrong')
+    return Finding(True, text)

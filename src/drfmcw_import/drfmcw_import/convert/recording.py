@@ -15,8 +15,9 @@ from drfmcw_ros.messages import ImplausibleError, check
 from drfmcw_ros.topics import STATION_TOPICS
 
 from ..formats.base import Format, Numbers, Source, choose_format
-from .checks import Finding, Statistics, findings
+from .checks import Statistics, findings
 from .codes import Coder, coder
+from .finding import Finding
 from .layout import Layout, lay_out, sample_slice, split_triangle, sweep_times
 from .settings import ImportSettings, filled
 
@@ -69,6 +70,7 @@ class Importer:
         self._iq: bool | None = None
         self._count = 0
         self._notes: list[str] = []
+        self._contradictions: list[Finding] = []
 
     def run(
         self,
@@ -83,23 +85,36 @@ class Importer:
         Raises:
             ConfigurationError: files, settings and data do not fit, or the recording cannot be written.
         """
+        stated = self._format.sizes(files)
         with BagWriter(out, storage, overwrite) as bag:
             begin = 0.0
             for source in self._format.sources(files):
-                begin = self._take(source, bag, begin, progress)
+                begin = self._take(source, stated, bag, begin, progress)
             if not self._count:
                 raise ConfigurationError(f'{files[0]}: holds no sweeps')
             assert self._coder is not None
             checked = tuple(
-                tuple(findings(s, w, self._coder.full_scale, self._coder.roundings))
+                (*self._contradictions, *findings(s, w, self._coder.full_scale, self._coder))
                 for s, w in zip(self._statistics, self._sweeps, strict=True)
             )
             return Imported(self._count, tuple(self._sweeps), bool(self._iq), tuple(self._notes), checked)
 
-    def _take(self, source: Source, bag: BagWriter, begin: float, progress: Callable[[int], None] | None) -> float:
-        """Write one file's sweeps, which begin at `begin` [s]; return when the next file's do."""
+    def _take(
+        self,
+        source: Source,
+        stated: dict[str, int],
+        bag: BagWriter,
+        begin: float,
+        progress: Callable[[int], None] | None,
+    ) -> float:
+        """Write one file's sweeps, which begin at `begin` [s]; return when the next file's do.
+
+        `stated` is how many of each axis the files state beside their numbers.
+        """
         layout = lay_out(source, self._settings.layout)
         sizes = layout.sizes
+        if contradiction := contradicted(layout, stated):
+            self._contradictions.append(contradiction)
         radar = self._settings.radar
         times = source.times
         if times is None:
@@ -194,6 +209,16 @@ class Importer:
                 )
                 bag.write(f'/{sweep.station}/if_samples', kind, stamp, message)
             self._count += 1
+
+
+def contradicted(layout: Layout, stated: dict[str, int]) -> Finding | None:
+    """Return the warning where a file states other sizes than its axes have, {axis: size}, None where it does not."""
+    sizes = layout.sizes
+    other = {axis: size for axis, size in stated.items() if sizes[axis] != size}
+    if not other:
+        return None
+    have, should = (', '.join(f'{values[a]} {a}s' for a in other) for values in (sizes, stated))
+    return Finding(False, f'{layout.name}: its axes have {have}, but the settings beside it state {should}: check axes')
 
 
 def _header(stamp: int, frame: str) -> Any:

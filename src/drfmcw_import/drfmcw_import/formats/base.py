@@ -70,6 +70,14 @@ class Format(abc.ABC):
         """
         return {}
 
+    def sizes(self, paths: Sequence[Path]) -> dict[str, int]:
+        """Return how many of each axis the files state beside their numbers, {axis: size}.
+
+        Raises:
+            ConfigurationError: the files are not of this format.
+        """
+        return {}
+
     @abc.abstractmethod
     def sources(self, paths: Sequence[Path]) -> Iterable[Source]:
         """Yield the arrays of the files, in order.

@@ -13,6 +13,8 @@ from .numpy_arrays import NumpyFormat, NumpyOptions
 
 _NEEDED = ('start_frequency_Hz', 'end_frequency_Hz', 'sample_rate_Hz', 'num_samples_per_chirp')
 
+_SIZES = {'sample': 'num_samples_per_chirp', 'chirp': 'num_chirps_per_frame'}
+
 
 @dataclasses.dataclass(frozen=True)
 class InfineonOptions:
@@ -49,18 +51,7 @@ class InfineonFormat(Format):
 
     def facts(self, paths: Sequence[Path]) -> dict[str, dict[str, Any]]:
         """Return the sweep, the timing and the coding of the ADC."""
-        own = [p for p in paths if p.suffix.lower() == '.json']
-        if len(own) != 1:
-            raise ConfigurationError(f'{paths[0]}: this format needs one .json file, not {len(own)}')
-        try:
-            stated = _flat(json.loads(own[0].read_text(encoding='utf-8')))
-        except OSError as error:
-            raise ConfigurationError(f'{own[0]}: {error.strerror}') from None
-        except ValueError as error:
-            raise ConfigurationError(f'{own[0]}: no JSON ({error})') from None
-        for key in _NEEDED:
-            if key not in stated:
-                raise ConfigurationError(f"{own[0]}: key '{key}' is missing")
+        stated = self._stated(paths)
         start, end = float(stated['start_frequency_Hz']), float(stated['end_frequency_Hz'])
         radar = {
             'start_frequency': start,
@@ -77,6 +68,35 @@ class InfineonFormat(Format):
             'samples': {'bits': 12, 'coding': 'offset_binary'},
             'layout': {'axes': ['frame', 'receiver', 'chirp', 'sample']},
         }
+
+    def sizes(self, paths: Sequence[Path]) -> dict[str, int]:
+        """Return samples, chirps of a frame and receivers, as far as the JSON file states them."""
+        stated = self._stated(paths)
+        sizes = {axis: stated[key] for axis, key in _SIZES.items() if isinstance(stated.get(key), int)}
+        if isinstance(antennas := stated.get('rx_antennas'), list):
+            sizes['receiver'] = len(antennas)
+        return sizes
+
+    @staticmethod
+    def _stated(paths: Sequence[Path]) -> dict[str, Any]:
+        """Return what the JSON file states.
+
+        Raises:
+            ConfigurationError: not one such file, not readable, or a key is missing.
+        """
+        own = [p for p in paths if p.suffix.lower() == '.json']
+        if len(own) != 1:
+            raise ConfigurationError(f'{paths[0]}: this format needs one .json file, not {len(own)}')
+        try:
+            stated = _flat(json.loads(own[0].read_text(encoding='utf-8')))
+        except OSError as error:
+            raise ConfigurationError(f'{own[0]}: {error.strerror}') from None
+        except ValueError as error:
+            raise ConfigurationError(f'{own[0]}: no JSON ({error})') from None
+        for key in _NEEDED:
+            if key not in stated:
+                raise ConfigurationError(f"{own[0]}: key '{key}' is missing")
+        return stated
 
     def sources(self, paths: Sequence[Path]) -> Iterator[Source]:
         """Yield each array."""

@@ -1,5 +1,6 @@
 """WAV: one channel holds the IF, another one says when each sweep starts."""
 
+import contextlib
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from .base import Format, Numbers, Source
 
 _SHIFT = {'PCM_S8': 24, 'PCM_U8': 24, 'PCM_16': 16, 'PCM_24': 8, 'PCM_32': 0}
 _BLOCK = 1 << 20  # frames read at once
+_REGULAR = 0.5  # of the edges that a sync channel has one period after the last one, at least
 _TWO_VALUED = 1.35  # kurtosis: a square wave has 1, a sine 1.5, noise 3
 
 
@@ -147,6 +149,13 @@ def edges(file: WavFile, channel: int, rising: bool) -> Numbers:
     return np.array(found)
 
 
+def _regular(found: Numbers) -> Numbers:
+    """Return which edges come one period after the last one; a pause of the recording is no jitter."""
+    apart = np.diff(found)
+    period = float(np.median(apart))
+    return np.asarray(np.abs(apart - period) < 0.02 * period)
+
+
 class WavFormat(Format):
     """Sweeps are cut at the edges of the sync channel, at the first sample behind each, and read piece by piece."""
 
@@ -192,6 +201,7 @@ class WavFormat(Format):
             found = edges(file, sync, self.chosen.edge == 'rising')
             if len(found) < 2:
                 raise ConfigurationError(f'{path}: channel {sync} has {len(found)} {self.chosen.edge} edges, no sweeps')
+            self._require_regular(file, sync, found)
             period = float(np.median(np.diff(found)))
             length = round(self.chosen.sweep_duration * file.rate) if self.chosen.sweep_duration > 0 else int(period)
             starts = np.ceil(found).astype(int)
@@ -204,9 +214,26 @@ class WavFormat(Format):
                 (self._regularity(sync, found, starts, file.rate),),
             )
 
+    def _require_regular(self, file: WavFile, channel: int, found: Numbers) -> None:
+        """Refuse a channel whose edges come at any time: it holds no sync signal.
+
+        Raises:
+            ConfigurationError: fewer than half of the edges come one period after the last one.
+        """
+        regular = _regular(found)
+        if regular.mean() >= _REGULAR:
+            return
+        advice = ''
+        with contextlib.suppress(ConfigurationError):
+            advice = f'; channel {find_sync_channel(file)} switches between two levels'
+        raise ConfigurationError(
+            f'{file.path}: options: sync_channel = {channel}: only {regular.mean():.0%} of its {len(found)} edges come '
+            f'one period after the last one, so it is no sync channel{advice}'
+        )
+
     def _regularity(self, channel: int, found: Numbers, starts: Numbers, rate: float) -> str:
         period = float(np.median(np.diff(found)))
-        regular = np.abs(np.diff(found) - period) < 0.02 * period  # a pause of the recording is no jitter
+        regular = _regular(found)
         jitter = float(np.std(np.diff(found)[regular]) / np.sqrt(2.0)) if regular.any() else float('nan')
         cut = float(np.std(starts - found))
         pauses = int(np.sum(~regular))

@@ -6,7 +6,7 @@ import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 
-from ..convert.checks import local_maxima
+from ..convert.spectra import local_maxima
 from ..formats.base import Numbers
 from .sweeps import StationSweeps
 

@@ -13,7 +13,8 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.pages import templates
 
-from ..convert.checks import Finding, Statistics, findings
+from ..convert.checks import Statistics, findings
+from ..convert.finding import Finding
 from . import measures, plots
 from .sweeps import StationSweeps, read_sweeps
 
@@ -143,7 +144,7 @@ def _tiles(data: StationSweeps, spectrum: measures.Spectrum) -> tuple[Tile, ...]
 def _checked(data: StationSweeps) -> list[Finding]:
     statistics = Statistics()
     statistics.add(data.samples)
-    return findings(statistics, data.sweep, data.full_scale, 0.0)
+    return findings(statistics, data.sweep, data.full_scale)
 
 
 def _panels(data: StationSweeps, run: slice, spectrum: measures.Spectrum) -> list[Panel]:
