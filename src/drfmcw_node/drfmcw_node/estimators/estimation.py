@@ -42,6 +42,7 @@ _FALSE_DETECTION = 1e-6  # probability that noise alone passes for a line, per s
 _PEAKS_PER_BIN = 2.0  # independent values among which the peak of noise is sought
 _METER_MARGIN = 2.0  # what the noise level's own error adds to the exponent: E exp(-e (1 + d)), d of 8 %
 _DOUBTED = 3.0  # times the standard deviation of a line, from which on a bent ramp is said
+_FASTEST = 100.0  # by which a path may change: what the line's frequency then changes by is no bent ramp [m/s]
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -426,7 +427,9 @@ class Estimator:
         bent = np.zeros(len(line))
         if sweep.hears_itself:  # a pair has tests of its own: T_off, powers, continuity
             drift = np.sqrt(np.maximum(std**2 - independent**2, 0.0))
-            bent = contradiction(sweeps.record, np.where(absent, np.nan, frequency), ratio, sweep.sample_rate, drift)
+            moving = 2.0 * abs(sweep.chirp_rate) * _FASTEST / SPEED_OF_LIGHT  # by the delay, and by the Doppler shift
+            known = np.where(absent, np.nan, frequency)
+            bent = contradiction(sweeps.record, known, ratio, sweep.sample_rate, drift, moving)
             bent[bent < _DOUBTED * std] = 0.0
             std, independent = np.hypot(std, bent), np.hypot(independent, bent)
         flags = (snr_decibel < self._detection).astype(np.uint8) * np.uint8(Flag.WEAK_SIGNAL)

@@ -37,12 +37,12 @@ def local_frequencies(record: np.ndarray, frequency: float, rate: float, parts: 
 
 
 def contradiction(
-    record: np.ndarray, frequency: np.ndarray, ratio: np.ndarray, rate: float, other: np.ndarray
+    record: np.ndarray, frequency: np.ndarray, ratio: np.ndarray, rate: float, other: np.ndarray, fastest: float
 ) -> np.ndarray:
     """Return the standard deviation of each line's frequency that a bent ramp or a further line causes, (B,) [Hz].
 
-    Zero where noise explains how the frequency varies over the sweep. A rate that varies over the sweep may be off as a
-    whole by as much, so it is not averaged.
+    Zero where noise, and the steady change by a target that moves, explain how the frequency varies over the sweep. A
+    rate that varies over the sweep may be off as a whole by as much, so it is not averaged.
 
     Args:
         record: sweeps less their means (B, N).
@@ -50,6 +50,7 @@ def contradiction(
         ratio: of line power to noise density (B,) [Hz].
         rate: of the samples [Hz].
         other: standard deviation of the frequency of a part by the oscillator's noise, at one part per sweep (B,) [Hz].
+        fastest: change of the frequency that a moving target may cause [Hz/s].
     """
     result = np.zeros(len(record))
     for row, (sweep, line) in enumerate(zip(record, frequency, strict=True)):
@@ -59,7 +60,9 @@ def contradiction(
         deviations, apart = local_frequencies(sweep, float(line), rate, parts)
         phase_variance = _HANN / (2.0 * max(float(ratio[row]), 1e-30) * apart)
         noise = 2.0 * phase_variance / (2.0 * np.pi * apart) ** 2 + 2.0 * (parts * float(other[row])) ** 2
-        square = float(np.mean(deviations**2))
+        step = np.arange(parts - 1) - (parts - 2) / 2.0
+        change = float(step @ deviations / (step @ step))
+        square = float(np.mean((deviations - np.clip(change, -fastest * apart, fastest * apart) * step) ** 2))
         if square > noise * (1.0 + _SIGNIFICANT * np.sqrt(2.0 / (parts - 1))):
             result[row] = np.sqrt(square - noise)
     return result
