@@ -18,9 +18,10 @@ from .combination import PathDelay, Station, combine, own_path
 from .integrity.checks import PASSED, Decision, Verdict
 from .integrity.continuity import Limits, Measured
 from .integrity.monitor import INTEGRITY_RISK, Judgement, PairMonitor
+from .integrity.own_line import OwnLine
 from .integrity.settings import IntegritySettings
 from .settings import FusionSettings
-from .tracking import STANDING, UNKNOWN, doppler_range_rate
+from .tracking import STANDING, Motion, doppler_range_rate
 from .uncertainty import UNKNOWN as UNKNOWN_WEATHER
 from .uncertainty import Weather, contributions, holds_for
 
@@ -82,6 +83,9 @@ class RangeResult:
     failed_tests: int = 0  # bits of integrity.checks.Test
     start_delay_excess: float = math.nan  # true T_off over the nominal one, of a pair [s]
     correlated_std: float = 0.0  # part of range_std that does not average over sweeps; 0: not stated [m]
+    doppler_std: float = 0.0  # part of range_std by what a velocity may do to one ramp's range [m]
+    start_frequency: float = math.nan  # of the first station's sweep [Hz]
+    bandwidth: float = math.nan  # of the same, negative for a falling ramp [Hz]
 
     @property
     def white_std(self) -> float:
@@ -115,6 +119,7 @@ class RangeFusion:
         self._weather: dict[str, History[tuple[float, float]]] = {name: History() for name in names}  # reading, std
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._monitors: dict[tuple[str, str], PairMonitor] = {}
+        self._own_lines: dict[str, OwnLine] = {}
         self._fused: dict[tuple[str, str], OrderedDict[tuple[str, int, int], None]] = {}
         self.repeated = 0  # results that came once more
         self.unpaired = 0  # results whose partner never came
@@ -130,6 +135,7 @@ class RangeFusion:
     def settings(self, value: FusionSettings) -> None:
         self._settings = value
         self._monitors.clear()
+        self._own_lines.clear()
 
     @property
     def integrity(self) -> IntegritySettings:
@@ -140,6 +146,7 @@ class RangeFusion:
     def integrity(self, value: IntegritySettings) -> None:
         self._integrity = value
         self._monitors.clear()
+        self._own_lines.clear()
 
     def failures(self, pair: tuple[str, str]) -> dict[str, int]:
         """Return the number of failed integrity tests of a pair by name, since start."""
@@ -310,10 +317,12 @@ class RangeFusion:
         flags |= _DECISION_FLAGS[verdict.decision]
         if self.settings.velocity == 'tracked' and first is not second and not motion.confirmed:
             flags |= Flag.UNKNOWN_VELOCITY
-        velocity_correction = 0.0
+        velocity_correction = doppler_std = 0.0
         if math.isfinite(motion.velocity):
             velocity_correction = -rate * motion.velocity
-            range_std = math.hypot(range_std, rate * motion.velocity_std)
+        if math.isfinite(motion.velocity_std):
+            doppler_std = abs(rate) * motion.velocity_std
+            range_std = math.hypot(range_std, doppler_std)
         if verdict.std > 0.0:
             range_std = math.hypot(range_std, verdict.std)
         range_std = math.hypot(range_std, correlated_std)
@@ -350,6 +359,9 @@ class RangeFusion:
             failed_tests=int(verdict.failed),
             start_delay_excess=path.start_delay_excess,
             correlated_std=correlated_std,
+            doppler_std=doppler_std,
+            start_frequency=first.sweep.start_frequency,
+            bandwidth=first.sweep.bandwidth,
         )
 
     def _weather_at(self, stamp: int) -> tuple[Weather, bool]:
@@ -422,13 +434,29 @@ class RangeFusion:
 
     def _motion(self, first: Station, second: Station, flags: Flag, verdict: Verdict, measured: Measured) -> Judgement:
         """Return the pair's velocity at this sweep, from its carrier phases or as set, and whether it goes on."""
-        if self.settings.velocity == 'standing' or first is second:
-            motion = STANDING if self.settings.velocity == 'standing' else UNKNOWN
-            return Judgement(motion, PASSED, math.inf, 1.0)
+        useless = flags & UNMEASURED or verdict.decision == Decision.REFUSED
+        if first is second:
+            return self._own_motion(first, bool(useless), measured)
+        if self.settings.velocity == 'standing':
+            return Judgement(STANDING, PASSED, math.inf, 1.0)
         monitor = self._monitor(first, second)
-        if flags & UNMEASURED or verdict.decision == Decision.REFUSED:
+        if useless:
             return Judgement(monitor.coast(measured.stamp), PASSED, math.inf, 1.0)
         return monitor.follow(measured)
+
+    def _own_motion(self, station: Station, useless: bool, measured: Measured) -> Judgement:
+        """Return what may be said of the velocity of a station's own echo, and whether its ranges hop."""
+        standing = self.settings.velocity == 'standing'
+        verdict, spread = PASSED, self.settings.maximum_velocity / math.sqrt(3.0)
+        if not useless:
+            verdict, spread = self._own_line(station.sweep.station).follow(measured)
+        motion = STANDING if standing else Motion(math.nan, spread, confirmed=False)
+        return Judgement(motion, verdict if self.integrity.monitor else PASSED, math.inf, 1.0)
+
+    def _own_line(self, name: str) -> OwnLine:
+        if name not in self._own_lines:
+            self._own_lines[name] = OwnLine(Limits(self.settings.maximum_velocity, self.settings.maximum_acceleration))
+        return self._own_lines[name]
 
 
 def _accounted(flags: int) -> int:

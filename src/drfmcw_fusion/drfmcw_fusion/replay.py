@@ -138,9 +138,16 @@ def _offline(arguments: argparse.Namespace) -> int:
     if not rows:
         raise ConfigurationError(f'{arguments.recording}: no range could be computed from {replay.sweeps} sweeps')
     name = Path(arguments.recording).name
-    console.print(report.table(rows, name))
+    console.print(report.table(rows, name, velocity=bool(arguments.pair)))
     console.print(report.summary(rows), highlight=False)
-    for sentence in (report.left_out(replay.results), report.mismatch(replay.results)):
+    alone = {} if arguments.pair else {s: engine.doppler_scale(s) for s in engine.stations}
+    for sentence in (
+        report.left_out(replay.results),
+        report.mismatch(replay.results),
+        report.hopping(replay.results),
+        *report.spread(rows),
+        report.unknown_velocity(rows, alone, fusion.maximum_velocity),
+    ):
         if sentence:
             console.print(sentence, highlight=False)
     if arguments.json:

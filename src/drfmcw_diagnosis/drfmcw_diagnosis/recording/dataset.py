@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drfmcw_fusion.integrity.settings import IntegritySettings
 from drfmcw_fusion.offline import Reference
 from drfmcw_fusion.pipeline import RangeFusion
 from drfmcw_fusion.replayed.statistics import reference_at
@@ -439,7 +440,9 @@ def _sweeps_of(dataset: Dataset, rows: np.ndarray) -> Iterator[Sweep]:
 
 def _fusion(dataset: Dataset) -> RangeFusion:
     """Return a fusion that knows calibrations, weather and board temperatures."""
-    fusion = RangeFusion(FusionSettings(maximum_range=1e7))
+    alone = dataset.topology.hears_itself  # then what noise does to a range is wanted, and nothing else
+    settings = FusionSettings(maximum_range=1e7, velocity='standing' if alone else 'tracked')
+    fusion = RangeFusion(settings, IntegritySettings(monitor=not alone))
     for calibration in dataset.calibration:
         fusion.add_calibration(dataclasses.replace(calibration, stamp=0))
     for quantity in WEATHER:

@@ -5,7 +5,7 @@ import dataclasses
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from ..offline import Reference
 from ..pipeline import Flag, RangeResult
 from .statistics import REFUSED, SettingStatistics, counts, reference_at
 
+_TWICE = 2.0  # times what is reported, from which on a spread is stated
 _REASONS = {
     Flag.WEAK_SIGNAL: 'whose line does not stand clear of the noise (WEAK_SIGNAL)',
     Flag.MODE_MISMATCH: 'with different settings at both stations (MODE_MISMATCH)',
@@ -66,33 +67,54 @@ def _write(text: str, path: Path | str) -> None:
         write_atomically(path, text)
 
 
-def table(rows: Sequence[SettingStatistics], title: str) -> Table:
-    """Return the rows as a table for the terminal, in metres and millimetres."""
-    several = len({row.pair for row in rows}) > 1
+def table(rows: Sequence[SettingStatistics], title: str, velocity: bool = False) -> Table:
+    """Return the rows as a table for the terminal, in metres and millimetres.
+
+    Args:
+        rows: of all settings.
+        title: of the table.
+        velocity: show the velocities.
+    """
     referenced = any(row.reference is not None for row in rows)
+    columns: list[tuple[str, Callable[[SettingStatistics], str]]] = []
+    if len({row.pair for row in rows}) > 1:
+        columns.append(('pair', lambda row: row.pair))
+    columns.append(('mode', lambda row: row.mode))
+    if any(len(bands) > 1 for bands in _bands(rows).values()):
+        columns.append(('band', _band))
+    if referenced:
+        columns.append(('reference [m]', lambda row: _number(row.reference, 3)))
+    else:
+        columns.append(('range [m]', lambda row: _number(row.range, 3)))
+        columns.append(('path delay [ns]', lambda row: _number(row.delay * 1e9, 2)))
+    if velocity:
+        columns.append(('velocity [m/s]', lambda row: _number(row.velocity, 3)))
+    columns.append(('n', lambda row: str(row.n)))
+    if referenced:
+        columns.append(('bias [mm]', lambda row: _millimetres(row.bias, sign=True)))
+    columns.append(('std [mm]', lambda row: _millimetres(row.std)))
+    columns.append(('reported [mm]', lambda row: _millimetres(row.range_std)))
+    columns.append(('left out', lambda row: str(row.excluded or '')))
     shown = Table(title=title, title_justify='left', header_style='bold', box=SIMPLE_HEAD, pad_edge=False)
-    for name, wanted in (
-        ('pair', several),
-        ('mode', True),
-        ('reference [m]', referenced),
-        ('range [m]', not referenced),
-    ):
-        if wanted:
-            shown.add_column(escape(name), justify='left' if name in ('pair', 'mode') else 'right', no_wrap=True)
-    if not referenced:
-        shown.add_column(escape('path delay [ns]'), justify='right')
-    for name in ('n', *(('bias [mm]',) if referenced else ()), 'std [mm]', 'reported [mm]', 'left out'):
-        shown.add_column(escape(name), justify='right')
+    for name, _ in columns:
+        words = name in ('pair', 'mode', 'band')
+        whole = words or name in ('reference [m]', 'range [m]')
+        shown.add_column(escape(name), justify='left' if words else 'right', no_wrap=whole)
     for row in rows:
-        cells = [row.pair] if several else []
-        cells += [row.mode, _number(row.reference if referenced else row.range, 3)]
-        if not referenced:
-            cells.append(_number(row.delay * 1e9, 2))
-        cells.append(str(row.n))
-        if referenced:
-            cells.append(_millimetres(row.bias, sign=True))
-        shown.add_row(*cells, _millimetres(row.std), _millimetres(row.range_std), str(row.excluded or ''))
+        shown.add_row(*(cell(row) for _, cell in columns))
     return shown
+
+
+def _bands(rows: Sequence[SettingStatistics]) -> dict[str, dict[str, list[SettingStatistics]]]:
+    """Return {pair: {band: rows}}."""
+    found: dict[str, dict[str, list[SettingStatistics]]] = {}
+    for row in rows:
+        found.setdefault(row.pair, {}).setdefault(_band(row), []).append(row)
+    return found
+
+
+def _band(row: SettingStatistics) -> str:
+    return f'{row.start_frequency / 1e9:.6g} GHz {row.bandwidth / 1e6:+.6g} MHz'
 
 
 def _number(value: float | None, digits: int) -> str:
@@ -148,6 +170,74 @@ def mismatch(results: Sequence[RangeResult]) -> str:
         f'In {len(bent)} of {len(results)} sweeps the samples contradict one line of a straight ramp (MODEL_MISMATCH); '
         f'the reported standard deviation, {std * 1e3:.0f} mm there, includes what that may do. ./drfmcw diagnose says '
         'what it is.'
+    )
+
+
+def hopping(results: Sequence[RangeResult]) -> str:
+    """Return one sentence about a station's own ranges that hop between lines, '' where none does."""
+    own = [r for r in results if r.first_station == r.second_station and counts(r)]
+    off = [r for r in own if r.failed_tests & Test.CONTINUITY]
+    if not off:
+        return ''
+    ranges = [r.range for r in own]
+    return (
+        f'In {len(off)} of {len(own)} sweeps the range hops, between {min(ranges):.2f} and {max(ranges):.2f} m, '
+        'farther than a target moves: several lines take turns as the strongest one (MODEL_MISMATCH). Which one is the '
+        "target's is not known, so the reported standard deviation includes their distance; --search-range limits "
+        'the search.'
+    )
+
+
+def spread(rows: Sequence[SettingStatistics]) -> list[str]:
+    """Return sentences about ranges without a reference that spread more than is reported: in one setting, or over all.
+
+    Over the settings of the sweep, each of which has a band of its own, an unmoved target has one range.
+    """
+    said = []
+    for row in rows:
+        if row.reference is None and row.scatter > _TWICE * row.range_std:
+            said.append(
+                f'{row.pair}: from sweep to sweep the ranges around {row.range:.2f} m scatter by '
+                f'{row.scatter * 1e3:.3g} mm, {row.scatter / row.range_std:.1f} times what is reported: other lines or '
+                'disturbances act on them.'
+            )
+    for pair, bands in _bands([r for r in rows if r.reference is None and r.n]).items():
+        if len(bands) < 2:
+            continue
+        each = [(_mean([r.range for r in own]), _mean([r.range_std for r in own])) for own in bands.values()]
+        (low, one), (high, other) = min(each), max(each)
+        apart, reported = high - low, math.hypot(one, other)
+        said.append(
+            f'{pair}: between the {len(bands)} settings of the sweep the range differs by {apart * 1e3:.4g} mm, '
+            f'{100.0 * apart / max(abs(high), 1e-9):.2g} % of it and {apart / reported:.1f} times what is reported'
+            + ('.' if apart < _TWICE * reported else ': a target that stood has one range, so a ramp is not as its '
+               'settings say.')
+        )  # fmt: skip
+    return said
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def unknown_velocity(rows: Sequence[SettingStatistics], scales: Mapping[str, float], maximum_velocity: float) -> str:
+    """Return one sentence about what a velocity does to the range of a single ramp, '' where none is in doubt.
+
+    Args:
+        rows: of all settings.
+        scales: range that a velocity adds, of each station that hears itself [s].
+        maximum_velocity: that is taken where the ranges show none [m/s].
+    """
+    own = [r for r in rows if r.pair.split('/')[0] in scales and r.n and r.doppler_std > 0.0]
+    if not own:
+        return ''
+    largest = max(abs(scales[r.pair.split('/')[0]]) for r in own)
+    part = max(r.doppler_std for r in own)
+    return (
+        f'One ramp cannot separate range and velocity: a path that changes by 1 m/s moves the range by '
+        f'{largest * 1e3:.3g} mm. The reported standard deviation includes up to {part * 1e3:.3g} mm for the velocity '
+        f'that the ranges show, or {maximum_velocity:g} m/s at most where they show none (fusion: maximum_velocity). '
+        '--velocity standing leaves that out, --pair combines rising and falling ramps.'
     )
 
 

@@ -14,6 +14,7 @@ _INTERPOLATION_LIMIT = 5.0  # between a sweep and each of the two reference read
 _NEAREST_LIMIT = 0.1  # between a sweep and a reading on one side only [s]
 _PAUSE = 2.0  # a longer one between sweeps begins a new setting [s]
 _FASTEST = 10.0  # a faster change of the reference is a new setting, not a drive [m/s]
+_FEWEST = 8  # ranges whose scatter from sweep to sweep is stated
 _DRIVE = 2.0  # a larger change of the reference within a setting makes it a drive [m]
 DEFAULT_BIN = 50.0
 """Width of the distance bins into which a drive is sorted [m]."""
@@ -40,6 +41,11 @@ class SettingStatistics:
     reference_std: float | None  # root mean square of the reference's own standard deviation [m]
     delay: float  # mean delay of the whole path, hardware included [s]
     excluded: int  # sweeps left out: weak signal, stations that disagree on the mode, out of limits, refused
+    scatter: float  # standard deviation from sweep to sweep, whatever a steady movement does; NaN for fewer than 8 [m]
+    velocity: float | None  # mean; None where it is not known [m/s]
+    doppler_std: float  # root mean square of the part of `range_std` by what a velocity may do [m]
+    start_frequency: float  # of the sweep [Hz]
+    bandwidth: float  # [Hz]
 
 
 def counts(result: RangeResult) -> bool:
@@ -74,7 +80,7 @@ def setting_statistics(
 ) -> list[SettingStatistics]:
     """Return one row per distance setting, in order of pair and time; a drive is sorted into distance bins.
 
-    A new setting begins after a pause, with a new mode, or where the distance jumps.
+    A new setting begins after a pause, with a new mode, with another band, or where the distance jumps.
 
     Args:
         results: of one replay.
@@ -89,16 +95,15 @@ def setting_statistics(
         stamps = np.array([r.stamp for r in own], dtype=np.int64)
         truth = reference_at(own_reference, stamps)
         distance = _filled(stamps, np.where(np.isfinite(truth), truth, [r.range for r in own]))
-        settings = _settings(
-            stamps, np.array([r.mode for r in own]), distance, has_reference=bool(len(own_reference.stamps))
-        )
-        drives: dict[tuple[int, int], list[int]] = {}
+        kinds = np.array([(r.mode, r.start_frequency, r.bandwidth) for r in own])
+        settings = _settings(stamps, kinds, distance, has_reference=bool(len(own_reference.stamps)))
+        drives: dict[tuple[float, ...], list[int]] = {}
         for setting in settings:
             if np.ptp(distance[setting]) <= _DRIVE:
                 rows.append(_row(pair, [own[i] for i in setting], truth[setting], own_reference))
                 continue
             for i in setting:
-                drives.setdefault((own[i].mode, math.floor(distance[i] / bin_width)), []).append(i)
+                drives.setdefault((*kinds[i], math.floor(distance[i] / bin_width)), []).append(i)
         rows.extend(
             _row(pair, [own[i] for i in drives[key]], truth[drives[key]], own_reference) for key in sorted(drives)
         )
@@ -113,10 +118,10 @@ def _filled(stamps: np.ndarray, distance: np.ndarray) -> np.ndarray:
     return np.where(known, distance, np.interp(stamps - stamps[0], stamps[known] - stamps[0], distance[known]))
 
 
-def _settings(stamps: np.ndarray, modes: np.ndarray, distance: np.ndarray, has_reference: bool) -> list[np.ndarray]:
-    """Return index arrays of the runs of sweeps that belong to one setting."""
+def _settings(stamps: np.ndarray, kinds: np.ndarray, distance: np.ndarray, has_reference: bool) -> list[np.ndarray]:
+    """Return index arrays of the runs of sweeps that belong to one setting; `kinds` (n, 3) is mode and band of each."""
     step = np.diff(stamps) * 1e-9
-    new = (step > _PAUSE) | (np.diff(modes) != 0)
+    new = (step > _PAUSE) | np.any(np.diff(kinds, axis=0) != 0, axis=1)
     if has_reference:
         new |= np.abs(np.diff(distance)) > np.maximum(_FASTEST * step, _DRIVE)
     return np.split(np.arange(len(stamps)), np.flatnonzero(new) + 1)
@@ -134,6 +139,7 @@ def _row(
     ranges = np.array([r.range for r in kept])
     error = ranges - truth[chosen] if has_reference else ranges
     nothing = math.nan
+    velocities = [r.velocity for r in kept if math.isfinite(r.velocity)]
     return SettingStatistics(
         pair='/'.join(pair),
         mode=Mode(results[0].mode).short_name,
@@ -146,4 +152,9 @@ def _row(
         reference_std=float(np.sqrt(np.mean(reference.stds**2))) if has_reference else None,
         delay=float(np.mean([r.path_delay for r in kept])) if kept else nothing,
         excluded=excluded,
+        scatter=float(np.sqrt(np.mean(np.diff(ranges, 2) ** 2) / 6.0)) if len(ranges) >= _FEWEST else nothing,
+        velocity=float(np.mean(velocities)) if velocities else None,
+        doppler_std=float(np.sqrt(np.mean([r.doppler_std**2 for r in kept]))) if kept else nothing,
+        start_frequency=results[0].start_frequency,
+        bandwidth=results[0].bandwidth,
     )

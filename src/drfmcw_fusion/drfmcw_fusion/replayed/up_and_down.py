@@ -13,7 +13,8 @@ def up_and_down(results: Sequence[RangeResult], pair: str, scale: float = math.n
     """Return ranges and velocities of the sweeps that two stations which hear themselves have in common.
 
     With f_up = k tau + f_c dtau/dt and f_down = k tau - f_c dtau/dt, the mean of both ranges is free of the Doppler
-    shift and half their difference is `scale` times the velocity.
+    shift: it is the range in the middle of both ramps. Their difference is twice `scale` times the velocity, less the
+    way between them.
 
     Args:
         results: of both stations.
@@ -39,8 +40,9 @@ def up_and_down(results: Sequence[RangeResult], pair: str, scale: float = math.n
 
 def _combined(up: RangeResult, down: RangeResult, scale: float) -> RangeResult:
     half = 0.5 * (up.range - down.range)
-    std = 0.5 * math.hypot(up.range_std, down.range_std)
-    velocity = half / scale if math.isfinite(scale) else math.nan
+    free = [math.sqrt(max(r.range_std**2 - r.doppler_std**2, 0.0)) for r in (up, down)]
+    later = (down.stamp - up.stamp) * 1e-9
+    velocity = 2.0 * half / (2.0 * scale - later) if math.isfinite(scale) else math.nan
     flags = up.flags | down.flags
     if math.isfinite(velocity):
         flags &= ~Flag.UNKNOWN_VELOCITY
@@ -50,7 +52,8 @@ def _combined(up: RangeResult, down: RangeResult, scale: float) -> RangeResult:
         stamp=min(up.stamp, down.stamp),
         flags=int(flags),
         range=0.5 * (up.range + down.range),
-        range_std=std,
+        range_std=0.5 * math.hypot(*free),
+        doppler_std=0.0,
         velocity=velocity,
         velocity_correction=-half,
         uncorrected_range=0.5 * (up.uncorrected_range + down.uncorrected_range),
