@@ -92,6 +92,22 @@ def test_swapped_iq_is_seen(bandwidth):
     assert 'swap_iq: true' in said
 
 
+@pytest.mark.parametrize('angle', [0.0, 40.0, 150.0])
+@pytest.mark.parametrize('sweeps', [3, 64])
+def test_two_receivers_read_as_i_and_q_are_seen(sweeps, angle):
+    """Two real channels stand as far apart as the direction of the echo puts them."""
+    whole = line(sweeps=sweeps, iq=True).astype(float)
+    turned = whole[..., 0] * math.cos(math.radians(angle)) + whole[..., 1] * math.sin(math.radians(angle))
+    two = np.rint(np.stack([whole[..., 0], turned], axis=-1)).astype(np.int16)
+    assert any(f'stand {angle:.0f} degrees apart' in w and 'layout: axes' in w for w in warnings(two))
+
+
+def test_an_imbalance_of_a_receiver_is_no_wrong_layout():
+    codes = line(iq=True)
+    codes[..., 1] = np.rint(1.2 * codes[..., 1] + 0.2 * codes[..., 0])
+    assert warnings(codes) == []
+
+
 @pytest.mark.parametrize('blocks', [2, 4])
 def test_blocks_read_as_one_sweep_are_seen(blocks):
     """Several receivers one behind the other: their phases differ."""

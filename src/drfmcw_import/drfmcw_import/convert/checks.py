@@ -23,6 +23,9 @@ _RAILS = (0.002, 0.005)  # of the used range: widths of a rail, whose codes scat
 _PILED = 8.0  # times as many samples on a rail as beside it: the receiver limits there
 _OTHER_CODING = 'wrapped, offset binary or unsigned codes were imported with another samples: coding'
 _WRONG_SIDE = 10.0  # dB by which the wrong side band exceeds the right one
+_COHERENT = 0.5  # correlation of I and Q at the strongest line that shows how they stand
+_CERTAIN, _STRONG = 20.0, 100.0  # its square times the sweeps, or the line over the median: no noise does that
+_ASKEW, _UNLIKE = 25.0, 6.0  # degrees off 90, and dB apart, that no imbalance of a receiver reaches
 
 
 class Statistics:
@@ -87,6 +90,8 @@ def findings(
     result += order_findings(signal)
     spectrum = averaged_spectrum(signal)
     result.append(_sides(spectrum, sweep) if iq else Finding(True, 'a real IF cannot show the sign of the ramp'))
+    if iq:
+        result.append(_quadrature(kept))
     result.append(_line(spectrum, sweep, iq))
     return [f for f in result if f.sentence]
 
@@ -286,6 +291,28 @@ def _sides(spectrum: Numbers, sweep: SweepSettings) -> Finding:
         f'the strongest line of the {side} side, where a {ramp} ramp puts it, stands {abs(ratio):.1f} dB '
         f'{"below" if ratio > 0.0 else "above"} the strongest of the other side',
     )
+
+
+def _quadrature(kept: Numbers) -> Finding:
+    """Say whether (n, N, 2) parts are I and Q: equal and 90 degrees apart, as two receivers or instants are not."""
+    count = kept.shape[1]
+    guard = near_zero(count)
+    window = np.hanning(count + 2)[1:-1, None]
+    parts = np.fft.fft((kept - kept.mean(axis=1, keepdims=True)) * window, axis=1)[:, guard : count // 2]
+    power = np.mean(np.abs(parts) ** 2, axis=0)
+    at = int(np.argmax(power.sum(axis=1)))
+    first, second = power[at]
+    if not first or not second:
+        return Finding(True, '')
+    between = complex(np.mean(parts[:, at, 0] * parts[:, at, 1].conj()) / np.sqrt(first * second))
+    strong = first + second > _STRONG * np.median(power.sum(axis=1))
+    if abs(between) < _COHERENT or not (strong or abs(between) ** 2 * len(kept) > _CERTAIN):
+        return Finding(True, '')
+    angle, apart = abs(float(np.degrees(np.angle(between)))), 10.0 * abs(float(np.log10(first / second)))
+    text = f'at the strongest line I and Q stand {angle:.0f} degrees apart and differ by {apart:.1f} dB'
+    if abs(angle - 90.0) < _ASKEW and apart < _UNLIKE:
+        return Finding(True, text)
+    return Finding(False, f'{text}: they are no I and Q of one receiver: check where iq stands in layout: axes')
 
 
 def _line(spectrum: Numbers, sweep: SweepSettings, iq: bool) -> Finding:
