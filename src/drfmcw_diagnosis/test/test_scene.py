@@ -1,6 +1,7 @@
 """Scenes of a station that hears itself: ramps bent by per cents, limits, bursts and images are found, nothing else."""
 
 import dataclasses
+import json
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from scenes import STANDARD_STATION, record
 from scipy.interpolate import BSpline
 
+from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.scene.background import background
@@ -98,6 +100,28 @@ def test_one_shape_carries_over_to_another_cable(tmp_path):
     carried = carried_over(ramps[0].shape, ramps[1])
     assert abs(carried.shape.delay[0] / ramps[0].shape.delay[0] / (truth[1] / truth[0]) - 1.0) < 0.003
     assert carried.held_out < 0.2 * carried.amplitude
+
+
+def test_recordings_of_one_oscillator_share_its_shape_and_another_radar_does_not(tmp_path, capsys):
+    """Ratio of the delays to 0.3 %; a shape learnt on one predicts the other; the third ramp has a shape of its own."""
+    other = list(reversed(FREE_RUNNING))
+    paths = [
+        str(looped_back(tmp_path / name, (d,), effects=[{'effect': 'sweep_shape', 'relative_rate': rate}], seed=seed))
+        for name, d, rate, seed in (('a', 30.0, FREE_RUNNING, 1), ('b', 50.0, FREE_RUNNING, 2), ('c', 40.0, other, 3))
+    ]
+    others = ','.join(sorted(set(Effect.registry) - {'sweep_shape', 'ramp_window', 'amplitude_slope'}))
+    assert main([*paths, '--without', others, '--out', str(tmp_path / 'out'), '--jobs', '1']) == 0
+    said = ' '.join(capsys.readouterr().out.split())
+    assert 'Shared: shape of the ramp at radar (a, b)' in said and 'Only in c: shape of the ramp at radar' in said
+    ramps = json.loads((tmp_path / 'out/joint.json').read_text(encoding='utf-8'))['ramps']
+    a, b, c = ({r['recording']: r for r in ramps}[p] for p in paths)
+    assert (a['shares_with'], b['shares_with'], c['shares_with']) == (paths[1:2], paths[:1], [])
+    delays = [d * 1.0003 / 299792458.0 + 12e-9 for d in (30.0, 50.0)]
+    assert abs(b['delay'] / a['delay'] / (delays[1] / delays[0]) - 1.0) < 0.003
+    for one in (a, b):
+        assert one['predicted'] < 0.25 * one['straight'] and abs(one['predicted_delay'] / one['delay'] - 1.0) < 0.003
+    page = (tmp_path / 'out/joint.html').read_text(encoding='utf-8')
+    assert 'Shape of the ramp' in page
 
 
 def test_a_straight_ramp_is_left_to_the_comparison_of_features(tmp_path):

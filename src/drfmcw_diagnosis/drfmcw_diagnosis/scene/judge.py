@@ -49,13 +49,9 @@ def shared_ramps(datasets: Sequence[Dataset]) -> list[Ramp | None]:
 
     For `examine`, whose findings then have delays on one scale.
     """
-    return with_one_shape([own_ramp(data) for data in datasets])
-
-
-def with_one_shape(ramps: Sequence[Ramp | None]) -> list[Ramp | None]:
-    """Return ramps of one radar with the shape that they share, those that do not bend as they are."""
+    ramps = [own_ramp(data) for data in datasets]
     bent = [r for r in ramps if r is not None and r.bends]
-    shared = iter(together(bent) if bent else [])
+    shared = iter(together(bent))
     return [next(shared) if r is not None and r.bends else r for r in ramps]
 
 

@@ -131,10 +131,12 @@ def settled(joint: Joint, elsewhere: Sequence[Elsewhere]) -> Joint:
 def of_hardware(effect: str) -> bool:
     """Return whether an effect belongs to a station or an instrument, so that it is the same in every recording.
 
-    Lists of values go with the distances or with the band of each recording.
+    Lists of values go with the distances or with the band of each recording, as does the window of a ramp, which
+    depends on where in its band the oscillator begins.
     """
     cls = Effect.registry[effect]
-    return (cls.of is not Of.PATH or cls.of_hardware) and not cls.bursts and not cls.list_parameters()
+    belongs = cls.of is not Of.PATH or cls.of_hardware
+    return belongs and cls.evidence != 'window' and not cls.bursts and not cls.list_parameters()
 
 
 def _shared(effect: str, station: str | None, found_in: Mapping[str, FoundEffect]) -> Shared:

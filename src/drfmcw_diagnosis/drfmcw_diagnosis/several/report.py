@@ -1,6 +1,7 @@
 """Several recordings as JSON, as a table in the terminal, and as one page."""
 
 import base64
+import dataclasses
 import io
 import math
 import os
@@ -22,6 +23,7 @@ from ..finding.result import Diagnosis, Estimate, FoundEffect, effect_object, kn
 from ..finding.summary import COLORS
 from .joint import Elsewhere, Joint, Shared
 from .limits import JOINT
+from .ramps import OneShape
 from .running import Outcome
 
 _TEMPLATES = templates('drfmcw_diagnosis.several')
@@ -45,7 +47,17 @@ def as_object(outcomes: Sequence[Outcome], joint: Joint, names: Mapping[str, str
         'recordings': recordings,
         'shared': [_shared_object(s) for s in joint.shared],
         'alone': {path: [effect_object(f) for f in found] for path, found in joint.alone.items()},
+        'ramps': [_ramp_object(o.path, o.shape) for o in outcomes if o.shape],
     }
+
+
+def _ramp_object(path: str, shape: OneShape) -> dict[str, Any]:
+    numbers = {
+        name: known(value) if isinstance(value, float) else value
+        for name, value in dataclasses.asdict(shape).items()
+        if name != 'recordings'
+    }
+    return {'recording': path, 'shares_with': [p for p in shape.recordings if p != path]} | numbers
 
 
 def _shared_object(shared: Shared) -> dict[str, Any]:
@@ -85,6 +97,10 @@ def sizes(parameters: Mapping[str, Estimate]) -> str:
 def agreement(shared: Shared, names: Mapping[str, str]) -> str:
     """Return in sentences whether the recordings agree."""
     if not shared.same_hardware:
+        if Effect.registry[shared.effect].evidence == 'rate':
+            return (
+                'Its values go with the time in each ramp; recordings of one oscillator share the shape over frequency.'
+            )
         return 'It belongs to the path or to the band of each recording, so the sizes are not combined.'
     said = []
     if shared.freedom:
@@ -105,6 +121,45 @@ def elsewhere_words(x: Elsewhere, names: Mapping[str, str]) -> str:
     """Return what a recording says of an effect that was not found in it."""
     size = f'{quantities.plain(x.scale, 2)} ± {quantities.plain(x.std, 2)} of the size'
     return f'{names[x.recording]}: {x.words} ({size})'
+
+
+def ramp_groups(outcomes: Sequence[Outcome], names: Mapping[str, str]) -> list[tuple[str, list[str]]]:
+    """Return of each oscillator with a bent ramp a title, and sentences; arguments as `as_object`."""
+    shapes = {o.path: o.shape for o in outcomes if o.shape}
+    groups = dict.fromkeys(tuple(p for p in s.recordings if p in shapes) for s in shapes.values())
+    said = []
+    for group in groups:
+        own = [shapes[p] for p in group]
+        low, high = min(s.band[0] for s in own), max(s.band[1] for s in own)
+        rate = (
+            f'differs from its mean by {100.0 * max(s.rate for s in own):.1f} % rms, {low / 1e9:.3f} to '
+            f'{high / 1e9:.3f} GHz'
+        )
+        if len(group) < 2:
+            said.append(
+                (
+                    f'Only in {names[group[0]]}: shape of the ramp at {own[0].station}',
+                    [f'Its rate {rate}; no other recording has this shape.'],
+                )
+            )
+            continue
+        lines = [
+            f'Its rate {rate}: one shape over frequency describes all of them, as that of one oscillator. Their delays '
+            'are on one scale, which no length has set.'
+        ]
+        lines += [_shape_words(shapes[p], names[p]) for p in group]
+        said.append((f'Shared: shape of the ramp at {own[0].station} ({", ".join(names[p] for p in group)})', lines))
+    return said
+
+
+def _shape_words(s: OneShape, name: str) -> str:
+    off = 100.0 * (s.predicted_delay / s.delay - 1.0)
+    return (
+        f'{name}: delay {quantities.quantity(s.delay, s.delay_std, "s")}. What was held out: {s.straight:.1f} LSB rms '
+        f'beside a straight ramp, {s.own:.1f} beside a shape of its own, {s.shared:.1f} beside the one shape, '
+        f'{s.predicted:.1f} beside the shape that the others alone teach, by which its delay is {off:+.2f} % off; '
+        f'noise {s.noise:.1f}.'
+    )
 
 
 def _misfits(diagnosis: Diagnosis) -> str:
@@ -136,6 +191,8 @@ def terminal(outcomes: Sequence[Outcome], joint: Joint, names: Mapping[str, str]
         effects = '\n'.join(_effects(d)) or '–'
         table.add_row(names[outcome.path], Text(d.verdict, COLORS[d.verdict]), Text(effects), Text(_misfits(d)))
     lines: list[Text] = []
+    for head, said in ramp_groups(outcomes, names):
+        lines += [Text(f'\n{head}', 'bold'), *(Text(f'  {sentence}') for sentence in said)]
     for shared in joint.shared:
         where = ', '.join(names[r] for r in shared.recordings)
         lines.append(Text(f'\nShared: {title(shared.effect, shared.station)} ({where})', 'bold'))
@@ -179,6 +236,7 @@ def render_html(
             )
             for s in joint.shared
         ],
+        ramps=ramp_groups(outcomes, names),
         elsewhere=elsewhere_words,
         names=names,
         alone=[

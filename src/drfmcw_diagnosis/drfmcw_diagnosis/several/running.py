@@ -1,6 +1,5 @@
 """Diagnoses recordings one beside the other, in processes or on a Dask cluster; a bad one does not cost the others."""
 
-import collections
 import contextlib
 import dataclasses
 import functools
@@ -15,10 +14,8 @@ from drfmcw_ros.work.processes import WorkFailed, unordered
 
 from ..engine import diagnose_dataset
 from ..finding.result import Diagnosis
-from ..recording.dataset import Dataset, read_dataset
-from ..scene.judge import own_ramp, with_one_shape
-from ..scene.limits import JUDGE
-from ..scene.ramps.ramp import Ramp
+from ..recording.dataset import read_dataset
+from .ramps import OneShape, known_ramps
 
 A = TypeVar('A')
 R = TypeVar('R')
@@ -44,6 +41,7 @@ class Outcome:
     path: str
     diagnosis: Diagnosis | None
     error: str = ''  # one line, where there is no diagnosis
+    shape: OneShape | None = None  # of a station that hears itself, whose ramp bends
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,41 +58,16 @@ def diagnosed(order: Order) -> Outcome:
     rate, words = order.false_alarm_rate, order.command
     try:
         data = read_dataset(order.path, order.pair)
+        ramps = known_ramps(order.together, order.pair) if data.topology.hears_itself else {}
+        known = ramps.get(order.path)
         found = diagnose_dataset(
-            data, rate, out, None, words, order.without, covariances=True, shared=_shared_ramp(order, data)
+            data, rate, out, None, words, order.without, covariances=True, shared=known.ramp if known else None
         )
-        return Outcome(order.path, found)
+        return Outcome(order.path, found, shape=known.shape if known else None)
     except ConfigurationError as error:
         return Outcome(order.path, None, ' '.join(str(error).split()))
     except Exception as error:
         return Outcome(order.path, None, f'{order.path}: {type(error).__name__}: {" ".join(str(error).split())}')
-
-
-def _shared_ramp(order: Order, data: Dataset) -> Ramp | None:
-    """Return the ramp with the shape that it shares with the other recordings of the same station that hears itself.
-
-    None where there is no other, or where a shape of its own fits better: then they are different radars.
-    """
-    return _ramps(order.together, order.pair).get(order.path) if data.topology.hears_itself else None
-
-
-@functools.lru_cache(maxsize=1)  # once in each worker, for all recordings that it diagnoses
-def _ramps(paths: tuple[str, ...], pair: str | None) -> dict[str, Ramp]:
-    """Return the shared ramps of `_shared_ramp`, by the paths of recordings."""
-    alone: dict[tuple[str, ...], dict[str, Ramp | None]] = collections.defaultdict(dict)
-    for path in paths:
-        with contextlib.suppress(ConfigurationError):  # has a line of its own in the table
-            data = read_dataset(path, pair)
-            if data.topology.hears_itself:
-                alone[data.stations][path] = own_ramp(data)
-    found = {}
-    for ramps in alone.values():
-        if len(ramps) < 2:
-            continue
-        for (path, own), shared in zip(ramps.items(), with_one_shape(list(ramps.values())), strict=True):
-            if own and own.bends and shared and shared.held_out < JUDGE.alike * own.held_out:
-                found[path] = shared
-    return found
 
 
 def diagnose_each(

@@ -1,7 +1,7 @@
 """Ranges of a station that hears itself, one sweep after the other: no partner tests them, and no carrier phase.
 
-In: one sweep's range. Out: whether it hops between lines, and how fast the target may go, which one ramp cannot tell
-from a longer range.
+In: one sweep's range. Out: whether it hops between lines, and how fast the target may go, which one ramp cannot
+separate from a longer range.
 """
 
 import collections

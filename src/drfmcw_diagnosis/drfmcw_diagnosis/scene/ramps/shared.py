@@ -19,9 +19,7 @@ def together(ramps: Sequence[Ramp]) -> list[Ramp]:
     Delays are on one scale: the mean rate is nominal over the frequencies that all recordings cover. Recordings whose
     bands do not overlap have nothing in common and stay as they are, as does a single one.
     """
-    low = max(float(r.lines[0].frequency[0]) for r in ramps)
-    high = min(float(r.lines[0].frequency[-1]) for r in ramps)
-    if len(ramps) < 2 or low >= high:
+    if len(ramps) < 2 or not overlapping(ramps):
         return list(ramps)
     lines = [line for r in ramps for line in r.lines]
     common = learn(lines, [psi for r in ramps for psi in r.shape.phase])
@@ -38,6 +36,13 @@ def together(ramps: Sequence[Ramp]) -> list[Ramp]:
         )
         result.append(dataclasses.replace(r, shape=shape))
     return result
+
+
+def overlapping(ramps: Sequence[Ramp]) -> tuple[float, float] | None:
+    """Return the nominal frequencies that all ramps cover, from and to [Hz], None where there are none."""
+    low = max(float(r.lines[0].frequency[0]) for r in ramps)
+    high = min(float(r.lines[0].frequency[-1]) for r in ramps)
+    return (low, high) if low < high else None
 
 
 def carried_over(known: Shape, to: Ramp) -> Ramp:
