@@ -159,7 +159,7 @@ def test_samples_of_any_kind_are_looked_at(shape, iq):
         assert bursts(m) is None
         image(m), ramp(m), of_side(m)
         repeated = background(m)
-        assert repeated is None or of_background(repeated, track(m, repeated.mean), m)
+        assert repeated is None or of_background(repeated, track(m), m)
 
 
 def test_samples_at_the_rails_are_clipped():
@@ -246,6 +246,21 @@ def test_an_imbalance_of_a_single_line_is_named(tmp_path):
     assert named.effect == 'iq_imbalance'
     assert abs(named.parameters['gain'].value - 0.5) < 0.05
     assert abs(named.parameters['phase'].value - 2.0) < 0.3
+
+
+@pytest.mark.parametrize('iq', [False, True])
+def test_a_target_that_walks_is_followed_among_returns_that_stand(iq):
+    """It goes from 12 to 40 cells and back, 30 dB below a return that stands and flickers; within one cell, 95 %."""
+    rng = np.random.default_rng(12)
+    time, sweep = np.arange(512) / 512.0, np.arange(400)[:, None]
+    cells = 26.0 - 14.0 * np.cos(2.0 * np.pi * sweep / 400.0)
+    flicker = 1.0 + 1e-3 * rng.normal(size=(400, 1))
+    x = 1000.0 * flicker * np.exp(2j * np.pi * 20.3 * time) + 30.0 * np.exp(2j * np.pi * (cells * time + 9.0 * cells))
+    x = x + 3e3 * np.exp(-time / 0.1) + rng.normal(size=x.shape) + 1j * rng.normal(size=x.shape)  # a slow skirt of 0 Hz
+    found = track(scene(x if iq else np.rint(x.real), 8192.0))
+    at = found.path / 299792458.0 * 1e9
+    expected = np.interp(found.sweep, sweep[:, 0], cells[:, 0])
+    assert np.mean(np.abs(at - expected) < 1.0) > 0.95
 
 
 def test_a_dead_time_of_the_paths_delay_is_no_window(tmp_path):

@@ -218,11 +218,13 @@ def of_background(found: Background, moving: Track | None, m: Material) -> Evide
         f'{gain(found.constant, found.varying):.1f} dB in all. These are measured, not explained.'
     ]
     if moving is not None:
-        paths = moving.path[np.isfinite(moving.path)]
+        seen = np.isfinite(moving.path)
+        paths, sweeps = moving.path[seen], moving.sweep[seen]
+        near, far = np.quantile(paths, [0.05, 0.95])
         said.append(
-            f'The strongest line that is not the same in all sweeps stands at paths of {paths.min():.1f} to '
-            f'{paths.max():.1f} m, {paths[0]:.1f} m in the first sweeps and {paths[-1]:.1f} m in the last ones; a '
-            'target is at half of it.'
+            f'The strongest line that moves stands at paths of {near:.1f} to {far:.1f} m nine tenths of the time, '
+            f'closest around sweep {np.median(sweeps[paths <= near]):.0f} and farthest around sweep '
+            f'{np.median(sweeps[paths >= far]):.0f}; a target is at half of it.'
         )
     misfit = {'constant': found.constant, 'repeating': found.repeating, 'varying': found.varying, 'unit': 'LSB'}
     figures: dict[str, Any] = {'background': misfit | {'patterns': len(found.patterns)}}

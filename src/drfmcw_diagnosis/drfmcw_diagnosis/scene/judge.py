@@ -120,7 +120,7 @@ def examine(
         return None
     repeated = None if single else background(m)
     if repeated is not None:
-        found.append(_kept(of_background(repeated, track(m, repeated.mean), m), without))
+        found.append(_kept(of_background(repeated, track(m), m), without))
     found = [_beyond_chance(e, accepted) for e in found]
     found.append(of_side(m))
     result = result or outcome.of_lines(alone)

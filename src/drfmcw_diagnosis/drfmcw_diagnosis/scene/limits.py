@@ -304,6 +304,19 @@ class TrackLimits:
     above: float = 20.0
     """Level of a line over the median, at least [dB]; chosen."""
 
+    apart: tuple[int, ...] = (1, 4, 16, 64)
+    """Sweeps between those that are compared, of which the fewest are taken that show a clear line; chosen."""
+
+    clear: float = 6.0
+    """Level of a line below that of the clearest among them, at most [dB]; chosen."""
+
+    fainter: float = 15.0
+    """Level of a line below its usual one at which it is not there, more of a target that stops [dB]; chosen."""
+
+    turn: float = 4.0
+    """Level that a line must gain to move by one point of the spectrum from one of the track to the next [dB];
+    chosen."""
+
     mostly: float = 0.7
     """Share of the time in which a line must stand out [1]; chosen."""
 

@@ -84,7 +84,7 @@ def _sentences(d: Diagnosis | None) -> list[str]:
         'Delay of the line',
         'constant that varies',
         'repeats with the ramp',
-        'strongest line that',
+        'strongest line that moves',
         'lines before the limit',
     )
     return [] if d is None else [s for s in d.sentences if any(w in s for w in wanted)]
