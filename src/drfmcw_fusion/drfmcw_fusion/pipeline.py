@@ -50,10 +50,18 @@ USELESS = UNMEASURED | Flag.OUT_OF_LIMITS
 """Flags with which a controller drops the range (docs/sensors_and_flags.md)."""
 
 _DECISION_FLAGS = {
-    Decision.VALID: Flag.VALID,
-    Decision.DOUBTFUL: Flag.MODEL_MISMATCH,
-    Decision.REFUSED: Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY,
+    Decision.VALID: int(Flag.VALID),
+    Decision.DOUBTFUL: int(Flag.MODEL_MISMATCH),
+    Decision.REFUSED: int(Flag.MODEL_MISMATCH | Flag.SIGNAL_QUALITY),
 }
+
+# plain integers, of which a sweep's flags are made: an operation on enumerations takes ten times as long
+_WEAK_SIGNAL, _SIGNAL_QUALITY = int(Flag.WEAK_SIGNAL), int(Flag.SIGNAL_QUALITY)
+_MODE_MISMATCH = int(Flag.MODE_MISMATCH)
+_STALE_CALIBRATION, _STALE_ENVIRONMENT = int(Flag.STALE_CALIBRATION), int(Flag.STALE_ENVIRONMENT)
+_USELESS, _UNMEASURED = int(USELESS), int(UNMEASURED)
+_WEAK_LINE, _BENT_LINE = int(BeatFlag.WEAK_SIGNAL), int(BeatFlag.MODEL_MISMATCH)
+_BENT_ACCOUNTED = int(BeatFlag.WEAK_SIGNAL | BeatFlag.MODEL_MISMATCH | BeatFlag.AMBIGUOUS | BeatFlag.BURST)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,6 +125,7 @@ class RangeFusion:
         self._locks: dict[str, History[bool]] = {}
         names = ('temperature', 'pressure', 'humidity')
         self._weather: dict[str, History[tuple[float, float]]] = {name: History() for name in names}  # reading, std
+        self._newest_weather: tuple[tuple | None, Weather] = None, Weather(math.nan, math.nan, math.nan)
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._monitors: dict[tuple[str, str], PairMonitor] = {}
         self._own_lines: dict[str, OwnLine] = {}
@@ -134,6 +143,7 @@ class RangeFusion:
     @settings.setter
     def settings(self, value: FusionSettings) -> None:
         self._settings = value
+        self._newest_weather = None, self._newest_weather[1]
         self._monitors.clear()
         self._own_lines.clear()
 
@@ -287,7 +297,7 @@ class RangeFusion:
         velocity_of_light = SPEED_OF_LIGHT / index
         standing_range = (path.delay - hardware_delay) * velocity_of_light
         range_std = path.std * velocity_of_light
-        flags = self._flags(first, second, stamp) | (Flag.STALE_ENVIRONMENT if stale_environment else Flag.VALID)
+        flags = self._flags(first, second, stamp) | (_STALE_ENVIRONMENT if stale_environment else 0)
         rate = doppler_range_rate(path.center_frequency, first.sweep.chirp_rate, path.center_time)
         correlated_std = 0.0
         if first.calibration.states_uncertainty and second.calibration.states_uncertainty:
@@ -316,7 +326,7 @@ class RangeFusion:
         monitor.count(verdict)
         flags |= _DECISION_FLAGS[verdict.decision]
         if self.settings.velocity == 'tracked' and first is not second and not motion.confirmed:
-            flags |= Flag.UNKNOWN_VELOCITY
+            flags |= int(Flag.UNKNOWN_VELOCITY)
         velocity_correction = doppler_std = 0.0
         if math.isfinite(motion.velocity):
             velocity_correction = -rate * motion.velocity
@@ -332,9 +342,9 @@ class RangeFusion:
         atmosphere_correction = (path.delay - hardware_delay) * (velocity_of_light - SPEED_OF_LIGHT)
         corrected = uncorrected + alpha_correction + delay_correction + atmosphere_correction + velocity_correction
         if not math.isfinite(corrected):  # a sweep without a line
-            flags |= Flag.WEAK_SIGNAL
+            flags |= _WEAK_SIGNAL
         elif not self.settings.minimum_range <= corrected <= self.settings.maximum_range:
-            flags |= Flag.OUT_OF_LIMITS
+            flags |= int(Flag.OUT_OF_LIMITS)
         return RangeResult(
             stamp=stamp,
             frame_id=first.beat.frame_id,
@@ -342,7 +352,7 @@ class RangeFusion:
             second_station=second.sweep.station,
             sweep_id=first.beat.sweep_id,
             mode=first.sweep.mode,
-            flags=int(flags),
+            flags=flags,
             range=corrected,
             range_std=range_std,
             velocity=motion.velocity,
@@ -354,8 +364,8 @@ class RangeFusion:
             refractive_index=index,
             path_delay=path.delay,
             carrier_phase=path.carrier_phase,
-            protection_level=judged.protection_level(range_std) if not flags & USELESS else math.inf,
-            integrity_risk=INTEGRITY_RISK if not flags & USELESS else 1.0,
+            protection_level=judged.protection_level(range_std) if not flags & _USELESS else math.inf,
+            integrity_risk=INTEGRITY_RISK if not flags & _USELESS else 1.0,
             failed_tests=int(verdict.failed),
             start_delay_excess=path.start_delay_excess,
             correlated_std=correlated_std,
@@ -366,40 +376,47 @@ class RangeFusion:
 
     def _weather_at(self, stamp: int) -> tuple[Weather, bool]:
         """Return (weather, whether a reading is missing or too old) at `stamp`."""
-        s = self.settings
-        values = {'temperature': s.default_temperature, 'pressure': s.default_pressure, 'humidity': s.default_humidity}
-        values |= {f'{name}_std': std for name, std in UNKNOWN_WEATHER.items()}
-        if s.atmosphere == 'vacuum':
-            return Weather(**values), False
-        stale = False
-        for quantity, history in self._weather.items():
-            found = history.at(stamp)
-            if found is None or (stamp - found[0]) * 1e-9 > s.environment_time_limit:
-                stale = True
-            if found is not None:
-                values[quantity], values[f'{quantity}_std'] = found[1]
-        return Weather(**values), stale
+        if self.settings.atmosphere == 'vacuum':
+            return self._weather_of(()), False
+        found = [history.at(stamp) for history in self._weather.values()]
+        limit = self.settings.environment_time_limit
+        stale = any(reading is None or (stamp - reading[0]) * 1e-9 > limit for reading in found)
+        return self._weather_of(tuple(None if reading is None else reading[1] for reading in found)), stale
+
+    def _weather_of(self, readings: tuple[tuple[float, float] | None, ...]) -> Weather:
+        """Return the weather by its readings, in order, with defaults for what is missing; the newest one is kept."""
+        if readings != self._newest_weather[0]:
+            s = self.settings
+            defaults = {
+                'temperature': s.default_temperature, 'pressure': s.default_pressure, 'humidity': s.default_humidity
+            }  # fmt: skip
+            values = defaults | {f'{name}_std': std for name, std in UNKNOWN_WEATHER.items()}
+            for quantity, reading in zip(self._weather, readings, strict=False):
+                if reading is not None:
+                    values[quantity], values[f'{quantity}_std'] = reading
+            self._newest_weather = readings, Weather(**values)
+        return self._newest_weather[1]
 
     def _refractive_index(self, weather: Weather) -> float:
         if self.settings.atmosphere == 'vacuum':
             return 1.0
         return _refractive_index(weather.temperature, weather.pressure, weather.humidity, self.settings.atmosphere)
 
-    def _flags(self, first: Station, second: Station, stamp: int) -> Flag:
-        flags = Flag.VALID
+    def _flags(self, first: Station, second: Station, stamp: int) -> int:
+        flags = 0
         for station in (first, second):
-            if station.beat.flags & BeatFlag.WEAK_SIGNAL or not math.isfinite(station.beat.frequency):
-                flags |= Flag.WEAK_SIGNAL
+            if station.beat.flags & _WEAK_LINE or not math.isfinite(station.beat.frequency):
+                flags |= _WEAK_SIGNAL
             if station.beat.flags & ~_accounted(station.beat.flags):
-                flags |= Flag.SIGNAL_QUALITY
+                flags |= _SIGNAL_QUALITY
             if self._calibration_is_stale(station, stamp):
-                flags |= Flag.STALE_CALIBRATION
+                flags |= _STALE_CALIBRATION
         if not (
             holds_for(first.calibration, second.sweep.station) and holds_for(second.calibration, first.sweep.station)
         ):
-            flags |= Flag.STALE_CALIBRATION
+            flags |= _STALE_CALIBRATION
         if first is not second and not _match(first.sweep, second.sweep):
-            flags |= Flag.MODE_MISMATCH
+            flags |= _MODE_MISMATCH
         return flags
 
     def _calibration_is_stale(self, station: Station, stamp: int) -> bool:
@@ -432,9 +449,9 @@ class RangeFusion:
             self._monitors[key] = PairMonitor(limits, self._integrity)
         return self._monitors[key]
 
-    def _motion(self, first: Station, second: Station, flags: Flag, verdict: Verdict, measured: Measured) -> Judgement:
+    def _motion(self, first: Station, second: Station, flags: int, verdict: Verdict, measured: Measured) -> Judgement:
         """Return the pair's velocity at this sweep, from its carrier phases or as set, and whether it goes on."""
-        useless = flags & UNMEASURED or verdict.decision == Decision.REFUSED
+        useless = flags & _UNMEASURED or verdict.decision == Decision.REFUSED
         if first is second:
             return self._own_motion(first, bool(useless), measured)
         if self.settings.velocity == 'standing':
@@ -461,9 +478,7 @@ class RangeFusion:
 
 def _accounted(flags: int) -> int:
     """Return a beat's flags that are no further doubt: a line's standard deviation includes what bends it."""
-    if flags & BeatFlag.MODEL_MISMATCH:
-        return int(BeatFlag.WEAK_SIGNAL | BeatFlag.MODEL_MISMATCH | BeatFlag.AMBIGUOUS | BeatFlag.BURST)
-    return int(BeatFlag.WEAK_SIGNAL)
+    return _BENT_ACCOUNTED if flags & _BENT_LINE else _WEAK_LINE
 
 
 @functools.lru_cache(maxsize=16)

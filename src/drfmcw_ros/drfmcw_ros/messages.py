@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy
 
 from drfmcw_physics import plausible
 from drfmcw_physics.settings import ConfigurationError
@@ -82,6 +84,13 @@ def to_message(source: Any, message_type: type) -> Any:
         message.header.stamp = to_time(source.stamp)
         message.header.frame_id = str(source.frame_id)
     return message
+
+
+def publish(publisher: Publisher, source: Any) -> None:
+    """Publish what `to_message` makes of a source, unless nobody listens and nobody who comes later would get it."""
+    message_type: Any = publisher.msg_type
+    if publisher.qos_profile.durability != DurabilityPolicy.VOLATILE or publisher.get_subscription_count():
+        publisher.publish(to_message(source, message_type))
 
 
 @functools.cache

@@ -25,7 +25,7 @@ from .operation.security import refuse_pretence
 from .operation.watchdog import Watchdog
 
 RCLError: type[Exception] = rclpy_implementation.RCLError
-_TURN = 0.025  # of a node's streams while messages flow, and at most then of everything else [s]
+_TURN = 0.05  # of a node's streams while messages flow, and at most then of everything else [s]
 _LOG_INTERVAL = 10.0  # between two lines about failing callbacks [s]
 
 

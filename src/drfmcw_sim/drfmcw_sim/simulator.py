@@ -20,7 +20,7 @@ from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
 from drfmcw_ros.calibration.store import CalibrationStore
 from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, message_class, to_message
+from drfmcw_ros.messages import from_message, message_class, publish
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import Finished, run
 from drfmcw_ros.topics import is_latched, is_per_peer
@@ -222,7 +222,7 @@ class Simulator(Node):
             self._publishers_of[topic, ''] = qos.publisher(self, message_class(message_type(topic)), topic, profile)
 
     def _publish(self, event: Event) -> None:
-        self._publisher(event).publish(to_message(event.content, message_class(message_type(event.topic))))
+        publish(self._publisher(event), event.content)
 
     # --- the hardware thread ---
 

@@ -125,7 +125,7 @@ def follow(state: State, measured: Measured, limits: Limits, settings: Integrity
     continued = _continued(state.other, measured, limits)
     together = _same_phases(state.other, continued, measured, limits)
     track, motion, innovation, std, slack = _extended(state.main, state.other, measured, limits)
-    lag = _lag(state.main, track, measured, limits)
+    lag = _lag(state.main, track.known, measured, limits)
     gate = GATE * max(scale, 1.0) * std + slack + lag
     if not settings.monitor:
         return State(track, None, measured.stamp), Outcome(motion, PASSED, gate, scale)
@@ -239,7 +239,7 @@ def _continued(track: Track | None, measured: Measured, limits: Limits) -> Track
     if track is None:
         return None
     extended, _, innovation, std, slack = _extended(track, None, measured, limits)
-    lag = _lag(track, extended, measured, limits)
+    lag = _lag(track, extended.known, measured, limits)
     return extended if abs(innovation) <= GATE * std + slack + lag else None
 
 
@@ -305,29 +305,36 @@ def _extended(
     innovation = _corrected(measured, motion) - predicted
     std = max(math.sqrt(track.variance + own**2), 1e-9)
     gain = max(variance / (variance + own**2 + 1e-18), _SMALLEST_GAIN) if settled else 1.0
+    position, variance = predicted + gain * innovation, (1.0 - gain) ** 2 * variance + (gain * own) ** 2
+    lag = _lag(track, known, measured, limits)
+    beyond = min(max(abs(innovation) - slack - lag, 0.0) / std, _LARGEST_Z)
+    own = math.hypot(own, measured.lasting)
+    newest = predicted + innovation, own
+    anchor, anchored, carried, loose, drift = _anchored(track, (position, variance), (displacement, slack), newest, lag)
     extended = Track(
         tracker,
         measured,
-        predicted + gain * innovation,
-        (1.0 - gain) ** 2 * variance + (gain * own) ** 2,
+        position,
+        variance,
         track.count + 1,
         track.begin,
         track.moved + displacement,
         track.slack + slack,
         known,
+        anchor,
+        anchored,
+        carried,
+        loose,
+        drift,
+        (*track.scatter, beyond)[-_SCATTER_LENGTH:],
     )
-    lag = _lag(track, extended, measured, limits)
-    beyond = min(max(abs(innovation) - slack - lag, 0.0) / std, _LARGEST_Z)
-    extended = dataclasses.replace(extended, scatter=(*track.scatter, beyond)[-_SCATTER_LENGTH:])
-    own = math.hypot(own, measured.lasting)
-    extended = _anchored(track, extended, (displacement, slack), (predicted + innovation, own), lag)
     return extended, motion, innovation, std, slack
 
 
 def _anchored(
-    before: Track, after: Track, moved: tuple[float, float], newest: tuple[float, float], lag: float
-) -> Track:
-    """Return a track with its anchor moved on, and by how much the filtered range has left it.
+    before: Track, filtered: tuple[float, float], moved: tuple[float, float], newest: tuple[float, float], lag: float
+) -> tuple[float, int, float, float, float]:
+    """Return a track's anchor moved on, and by how much the filtered range has left it: `Track.anchor` to `drift`.
 
     A second line that rises slowly within the resolution pulls the range away, sweep by sweep by less than its noise.
     The phase moves by millimetres at most meanwhile. The mean stays as it was while the ranges are away from it.
@@ -335,28 +342,24 @@ def _anchored(
 
     Args:
         before: the track.
-        after: the same with one sweep more.
+        filtered: its range with one sweep more [m], and the variance of it [m^2].
         moved: displacement since, by the phases or coasted, and its slack [m].
         newest: range of the sweep, and its standard deviation [m].
         lag: of its velocity, as `_lag` [m].
     """
-    (displacement, slack), (distance, std) = moved, newest
+    (position, variance), (displacement, slack), (distance, std) = filtered, moved, newest
     anchor, carried, loose = before.anchor + displacement, before.carried + abs(displacement), before.loose + slack
     count = min(before.anchored + 1, _ANCHOR_LENGTH)
-    difference, error = after.position - anchor, abs(distance - anchor)
+    difference, error = position - anchor, abs(distance - anchor)
     systematic = lag + _SCALE_ERROR * carried + loose
-    allowed = _DRIFT * std + GATE * math.sqrt(after.variance + std**2 / count) + systematic
+    allowed = _DRIFT * std + GATE * math.sqrt(variance + std**2 / count) + systematic
     left = abs(difference) > allowed or error > GATE * std * math.sqrt(1.0 + 1.0 / count) + systematic
     if before.anchored >= _SCATTER_MINIMUM and left:
-        drift = max(abs(difference), error) + loose
-        return dataclasses.replace(
-            after, anchor=anchor, anchored=before.anchored, carried=carried, loose=loose, drift=drift
-        )
+        return anchor, before.anchored, carried, loose, max(abs(difference), error) + loose
     if loose > std or not before.anchored:  # the phases broke for so long that the crane may have moved
-        return dataclasses.replace(after, anchor=after.position, anchored=1)
-    anchor += difference / count
+        return position, 1, 0.0, 0.0, 0.0
     kept = 1.0 - 1.0 / count
-    return dataclasses.replace(after, anchor=anchor, anchored=count, carried=kept * carried, loose=kept * loose)
+    return anchor + difference / count, count, kept * carried, kept * loose, 0.0
 
 
 def _by_phases(tracker: VelocityTracker, path: PathDelay) -> float:
@@ -381,9 +384,9 @@ def _beside(
     return *own, displacement + other.moved + further, slack + other.slack + more
 
 
-def _lag(before: Track, after: Track, measured: Measured, limits: Limits) -> float:
+def _lag(before: Track, known: bool, measured: Measured, limits: Limits) -> float:
     """Return by how much a velocity that has just begun to change may displace a range of a followed track [m]."""
-    if not (before.known and after.known):
+    if not (before.known and known):
         return 0.0
     step = min((measured.stamp - before.measured.stamp) * 1e-9, _LONGEST_PHASE_STEP)
     return _LAG * limits.acceleration * abs(measured.doppler) * step

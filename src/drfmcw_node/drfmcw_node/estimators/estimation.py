@@ -43,6 +43,7 @@ _PEAKS_PER_BIN = 2.0  # independent values among which the peak of noise is soug
 _METER_MARGIN = 2.0  # what the noise level's own error adds to the exponent: E exp(-e (1 + d)), d of 8 %
 _DOUBTED = 3.0  # times the standard deviation of a line, from which on a bent ramp is said
 _FASTEST = 100.0  # by which a path may change: what the line's frequency then changes by is no bent ramp [m/s]
+_ABSENT = (math.nan, math.inf, math.inf, math.nan, -math.inf, -math.inf)  # results of a sweep without any signal
 _LOBE_BINS = 4  # half width of the main lobe of the widest usual window
 
 
@@ -266,7 +267,7 @@ class Estimator:
             full_scale: ADC code of full scale [LSB], scalar or (B,).
             spectrum: mask (B,) of the sweeps whose magnitude spectra are wanted; None for no spectra.
         """
-        full_scale = np.broadcast_to(np.asarray(full_scale, float), len(samples))
+        full_scale = np.full(len(samples), full_scale, float)
         rows = max(self.chunk // self.sweep.sample_count, 1)
         parts = []
         for i in range(0, len(samples), rows):
@@ -412,7 +413,8 @@ class Estimator:
         sweep, settings = self.sweep, self.settings
         frequency = bins * (sweep.sample_rate / self.length)
         absent = line <= 0.0
-        line = np.where(absent, TINY, line)
+        any_absent = bool(absent.any())
+        line = np.where(absent, TINY, line) if any_absent else line
         ratio = line / self.window_sum**2 / noise * sweep.sample_rate  # of line to noise density [Hz]
         snr = ratio * sweep.ramp_duration
         lead = sweep.ramp_duration / 2 - self.center
@@ -441,15 +443,13 @@ class Estimator:
             (Flag.MODEL_MISMATCH, bent > 0.0),
         ):
             flags[raised] |= np.uint8(flag)
-        return [
-            flags,
-            np.where(absent, np.nan, frequency),
-            np.where(absent, np.inf, std),
-            np.where(absent, np.inf, independent),
-            np.where(absent, np.nan, np.remainder(phase + np.pi, 2.0 * np.pi) - np.pi),
-            np.where(absent, -np.inf, level) + sweep.full_scale_power,
-            np.where(absent, -np.inf, snr_decibel),
-        ]
+        phase = np.remainder(phase + np.pi, 2.0 * np.pi) - np.pi
+        estimates = frequency, std, independent, phase, level, snr_decibel
+        if any_absent:
+            for values, value in zip(estimates, _ABSENT, strict=True):
+                values[absent] = value
+        level += sweep.full_scale_power
+        return [flags, *estimates]
 
     def _frequency_std(self, frequency: np.ndarray, snr: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the standard deviation of a single station's frequency, with and without the oscillators' noise.

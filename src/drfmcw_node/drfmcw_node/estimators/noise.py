@@ -49,6 +49,8 @@ class NoiseMeter:
     correlated_bins: float  # bins of the window's noise per independent value
     window_sum: float  # sum w
     window_power: float  # sum w^2
+    skirts: dict[int, float] = dataclasses.field(default_factory=dict, repr=False, compare=False)
+    """Skirt by the bin of the line, as far as it was needed: it depends on nothing else."""
 
     @property
     def quantisation(self) -> float:
@@ -70,29 +72,35 @@ class NoiseMeter:
             line: squared magnitude of the line's peak (B,).
             full_scale: ADC code of full scale (B,) [LSB].
         """
-        span = self.last_bin - self.first_bin + 1
-        count = min(_BINS, max(span // 4, 1))
-        if self.noises:
-            low = np.where(2 * peak < self.first_bin + self.last_bin, self.last_bin - count + 1, self.first_bin)
-            bins = low[:, None] + np.arange(count)
-        else:
-            half = np.arange(self.guard, self.guard + max(count // 2, 1))
-            bins = peak[:, None] + np.concatenate([-half[::-1], half])
-            bins = np.where(bins < self.first_bin, bins + 4 * half[-1], bins)  # past the end: on the other side
-            bins = np.clip(np.where(bins > self.last_bin, bins - 4 * half[-1], bins), self.first_bin, self.last_bin)
-        total, relative_std = self._clipped_mean(power[np.arange(len(peak))[:, None], bins])
-        skirt = self._skirt(bins, peak) * (line / self.window_sum**2)
+        read, skirt = self._read(power, peak)
+        total, relative_std = self._clipped_mean(read)
+        skirt = skirt * (line / self.window_sum**2)
         measured = total - skirt
+        if not (math.isfinite(self.floor) and math.isfinite(self.sweep.full_scale_power)):
+            return np.maximum(measured, self.quantisation)
         floor = self.calibrated(full_scale)
-        known = np.isfinite(floor)
-        floor = np.where(known, floor, 1.0)
         # the predicted variance, not the measured one: small values would else weigh more and pull the mean down
         variance = (relative_std * (floor + skirt)) ** 2 + (_SKIRT_UNCERTAINTY * skirt) ** 2
         # a calibrated floor that the measurement contradicts beyond chance loses its weight
         doubt = np.maximum((measured - floor) ** 2 - 4.0 * variance, 0.0)
         floor_variance = (_FLOOR_UNCERTAINTY * floor) ** 2 + doubt
         blended = (measured * floor_variance + floor * variance) / (floor_variance + variance)
-        return np.maximum(np.where(known, blended, measured), self.quantisation)
+        return np.maximum(blended, self.quantisation)
+
+    def _read(self, power: np.ndarray, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the power in the bins in which the noise is read (B, K), and the skirt there per line power (B,)."""
+        first, last = self.first_bin, self.last_bin
+        count = min(_BINS, max((last - first + 1) // 4, 1))
+        if self.noises:
+            lower, high = 2 * peak < first + last, last - count + 1
+            read = np.where(lower[:, None], power[:, high : high + count], power[:, first : first + count])
+            starts = np.where(lower, high, first).tolist()
+            return read, np.array([self._skirt_of(s, count, p) for s, p in zip(starts, peak.tolist(), strict=True)])
+        half = np.arange(self.guard, self.guard + max(count // 2, 1))
+        bins = peak[:, None] + np.concatenate([-half[::-1], half])
+        bins = np.where(bins < first, bins + 4 * half[-1], bins)  # past the end: on the other side
+        bins = np.clip(np.where(bins > last, bins - 4 * half[-1], bins), first, last)
+        return power[np.arange(len(peak))[:, None], bins], np.zeros(len(peak))
 
     def _clipped_mean(self, power: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the noise level of bins, free of spurs [LSB^2], and its relative standard deviation."""
@@ -102,16 +110,20 @@ class NoiseMeter:
         mean = np.where(kept, power, 0.0).sum(axis=1) / kept.sum(axis=1)
         return mean / (_KEPT_MEAN * self.window_power), math.sqrt(self.correlated_bins / count)
 
-    def _skirt(self, bins: np.ndarray, peak: np.ndarray) -> np.ndarray:
-        """Return the mean phase-noise skirt over `bins` per line power (amplitude of the complex line squared)."""
-        if not self.noises:
-            return np.zeros(len(peak))
-        stride = max(bins.shape[1] // _SKIRT_POINTS, 1)
+    def _skirt_of(self, start: int, count: int, peak: int) -> float:
+        """Return `_skirt` of a line in bin `peak`; lines stay in few bins, so it is computed once for each."""
+        if peak not in self.skirts:
+            self.skirts[peak] = self._skirt(np.arange(start, start + count), peak)
+        return self.skirts[peak]
+
+    def _skirt(self, bins: np.ndarray, peak: int) -> float:
+        """Return the mean phase-noise skirt over `bins` (K,) per line power (amplitude of the complex line squared)."""
+        stride = max(len(bins) // _SKIRT_POINTS, 1)
         width, rate = self.sweep.sample_rate / self.length, self.sweep.sample_rate
-        at, line = bins[:, stride // 2 :: stride] * width, (peak * width)[:, None]
+        at, line = bins[stride // 2 :: stride] * width, peak * width
         # a real line has its mirror image, which repeats at the sample rate
         offsets = [at - line] if self.iq else [at - line, np.minimum(at + line, rate - at - line)]
-        density = sum(noise.single_sideband(np.stack(offsets)) for noise in self.noises).sum(axis=0)
+        density = np.sum([noise.single_sideband(np.stack(offsets)) for noise in self.noises], axis=(0, 1))
         if self.sweep.hears_itself:
             density *= combination_gain(at - line, line / abs(self.sweep.chirp_rate))
-        return density.mean(axis=1) * rate
+        return float(density.mean() * rate)

@@ -12,7 +12,7 @@ class PaperEstimator(Estimator, name='paper'):
     """FFT, chirp-z zoom, parabola through the log magnitude: the paper's on-board engine (section III)."""
 
     takes_window = True
-    chunk = 1 << 16  # the zoom's temporaries are eight times as large as those of the other estimators
+    chunk = 1 << 16  # the zoom's factors are twice as large as a sweep
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Prepare the chirp-z transform; arguments as for `Estimator`."""

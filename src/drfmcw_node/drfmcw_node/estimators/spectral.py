@@ -1,16 +1,18 @@
 """Analysis window, de-chirping and chirp-z zoom of a batch of sweeps.
 
-Every function works row by row (numpy's FFT and ufuncs, never a matrix product, whose blocking depends on the batch),
-so that a sweep's numbers do not depend on how many sweeps were processed with it.
+Every function works row by row (FFT, ufuncs, a matrix product for each sweep, never one for several, whose blocking
+depends on the batch), so that a sweep's numbers do not depend on how many sweeps were processed with it.
 """
 
 import functools
+import math
 
 import numpy as np
-from scipy.fft import next_fast_len
 from scipy.signal import get_window
 
 _GRID = 1 << 16  # linear interpolation of a window on it is exact to 1e-9
+_BLOCKS = 16  # of a sweep in the chirp-z transform
+_SERIES_ERROR = 1e-10  # of its power series, relative to the sum of all magnitudes: below float32's
 
 
 @functools.lru_cache(maxsize=64)
@@ -45,13 +47,14 @@ def whole_turns(frequency: np.ndarray, sample: np.ndarray, turn: int) -> np.ndar
 
 
 class ChirpZ:
-    """Chirp-z transform onto a fine grid around one bin of each sweep (Rabiner, Schafer and Rader 1969; Bluestein).
+    """Chirp-z transform onto a fine grid around one bin of each sweep (Rabiner, Schafer and Rader 1969).
 
-    Each sweep is first shifted by its own whole number of bins, which is exact, so that one set of chirps serves all.
+    On a grid of few bins a block of a sweep turns by little. There exp(i x) is a short power series, so that some
+    moments of each block serve all points of the grid. This takes half as long as Bluestein's two FFTs.
     """
 
     def __init__(self, count: int, length: int, points: int, span: float, center: float) -> None:
-        """Prepare the chirps.
+        """Prepare what does not depend on the bin.
 
         Args:
             count: samples per sweep.
@@ -61,21 +64,19 @@ class ChirpZ:
             center: sample index at which phases are referenced; need not be whole.
         """
         self.offsets = (np.arange(points) - (points - 1) / 2) * (span / (points - 1))  # [bins]
-        self._length, self._points = length, points
-        self._n = np.arange(count)
-        self._table = np.exp(-2j * np.pi * np.arange(length) / length)
+        self._length = length
         self._center = center
-        step = span / (points - 1) / length  # cycles per sample and grid point
-        size = next_fast_len(count + points - 1)
-        n, m = np.arange(count), np.arange(points)
-        self._size = size
-        # n m = (n^2 + m^2 - (m - n)^2) / 2 turns the transform into a convolution with a chirp
-        self._before = np.exp(-2j * np.pi * (self.offsets[0] / length * n + step * n**2 / 2))
-        chirp = np.zeros(size, complex)
-        chirp[:points] = np.exp(1j * np.pi * step * m**2)
-        chirp[size - count + 1 :] = np.exp(1j * np.pi * step * n[:0:-1] ** 2)
-        self._chirp = np.fft.fft(chirp)
-        self._after = np.exp(1j * np.pi * (2.0 * self.offsets * center / length - step * m**2))
+        self._table = np.exp(-2j * np.pi * np.arange(length) / length)
+        size = -(-count // _BLOCKS)
+        self._missing = _BLOCKS * size - count  # samples to the end of the last block
+        self._n, self._begins = np.arange(size), np.arange(_BLOCKS) * size
+        largest = np.pi * span / length * size / 2  # angle by which the edge of the grid turns half a block
+        orders = np.arange(next(n for n in range(1, 200) if largest**n / math.factorial(n) < _SERIES_ERROR))
+        self._powers = ((2 * self._n - (size - 1)) / size)[:, None] ** orders
+        angle = -2j * np.pi / length * self.offsets
+        turns = np.exp((self._begins + (size - 1) / 2 - center)[:, None, None] * angle)
+        series = (angle * size / 2) ** orders[:, None] / np.array([math.factorial(n) for n in orders])[:, None]
+        self._grid = (turns * series).reshape(_BLOCKS * len(orders), points)
 
     def __call__(self, windowed: np.ndarray, bins: np.ndarray) -> np.ndarray:
         """Return the spectrum at `bins` + `offsets`, phase referenced to `center`.
@@ -87,21 +88,21 @@ class ChirpZ:
         Returns:
             Complex array (B, points).
         """
-        shifted = self._table[whole_turns(bins[:, None], self._n, self._length)]
-        shifted *= windowed
-        shifted *= self._before
-        spectrum = np.fft.fft(shifted, self._size)
-        spectrum *= self._chirp
-        zoomed = np.fft.ifft(spectrum)[:, : self._points]
+        if self._missing:
+            windowed = np.pad(windowed, ((0, 0), (0, self._missing)))
+        shift = self._table[whole_turns(bins[:, None], self._n, self._length)]
+        moments = windowed.reshape(len(bins), _BLOCKS, -1) @ (shift[:, :, None] * self._powers)
+        moments *= self._table[whole_turns(bins[:, None], self._begins, self._length)][:, :, None]
         turn = np.exp(2j * np.pi * np.remainder(bins * (self._center / self._length), 1.0))
-        return zoomed * self._after * turn[:, None]
+        return (moments.reshape(len(bins), 1, -1) @ self._grid)[:, 0] * turn[:, None]
 
 
 def parabola_vertex(left: np.ndarray, middle: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the vertex of the parabola through three equidistant values, in steps from the middle (within +-1)."""
     curvature = left - 2.0 * middle + right
-    safe = np.where(curvature < 0.0, curvature, -1.0)
-    return np.where(curvature < 0.0, np.clip(0.5 * (left - right) / safe, -1.0, 1.0), 0.0)
+    peaked = curvature < 0.0
+    vertex = 0.5 * (left - right) / np.where(peaked, curvature, -1.0)
+    return np.where(peaked, np.minimum(np.maximum(vertex, -1.0), 1.0), 0.0)
 
 
 def parabola_value(left: np.ndarray, middle: np.ndarray, right: np.ndarray, offset: np.ndarray) -> np.ndarray:
