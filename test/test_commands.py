@@ -34,7 +34,6 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 COMMANDS = list(commands())
 
 NOT_EXECUTED = {
-    r'drfmcw run gantry --fast --record': 'may lose an interrupt while its processes start; test_graph.py records runs',
     r'\./drfmcw test$': 'runs this test, too',
     r'\./drfmcw (reproduce|bench)$': 'takes from ten minutes to hours; tests of their packages run parts of them',
     r'^git clone|^mkdir -p ws|^rosdep|^colcon': 'installs this repository, with ROS 2 Jazzy',

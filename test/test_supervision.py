@@ -1,12 +1,15 @@
 """Processes that die, that are set up wrongly, and nodes that publish what is not theirs."""
 
+import contextlib
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,9 +23,12 @@ from drfmcw_bringup.run import start_graph
 from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.publishers import Publishers
+from drfmcw_ros.work import children
 from drfmcw_sim.scenario import read_scenario
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+
+STOP_LIMIT = 60.0  # on a busy machine; what ends by force only takes twenty seconds [s]
 
 
 class Ended:
@@ -225,6 +231,52 @@ def test_run_has_a_domain_of_its_own(tmp_path):
         finally:
             process.send_signal(signal.SIGINT)
             assert process.wait(30.0) in (0, 130)
+
+
+@pytest.mark.timeout(900)
+def test_interrupt_at_any_moment_ends_run_and_all_its_processes(tmp_path):
+    """Whatever is being imported, started or stopped meanwhile: soon, in silence, and nobody stays behind."""
+    moments = np.random.default_rng(14).uniform(0.0, 6.0, 10)  # [s]
+    path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.02})
+    for number, moment in enumerate(moments):
+        mark = f'{tmp_path}/{number}'
+        command = children.command('drfmcw_bringup.run', str(path), '--fast', '--record', mark)
+        with open(tmp_path / 'said', 'w+', encoding='utf-8') as said:
+            process = subprocess.Popen(
+                command, stdout=said, stderr=said, env=os.environ | {'MARK': mark}, preexec_fn=children.prepare
+            )
+            time.sleep(moment)
+            process.send_signal(signal.SIGINT)
+            status = process.wait(STOP_LIMIT)
+            said.seek(0)
+            words = said.read()
+        assert status in (130, -signal.SIGINT), f'{moment} s: {status}: {words}'
+        assert 'Traceback' not in words and 'ignored' not in words, f'{moment} s: {words}'
+        end = time.monotonic() + STOP_LIMIT
+        while (left := _marked(mark)) and time.monotonic() < end:  # who was just being forked
+            time.sleep(0.1)
+        assert not left, f'{moment} s: {left}'
+
+
+def _marked(mark):
+    """The processes whose environment holds a mark."""
+    found = []
+    for environment in Path('/proc').glob('[0-9]*/environ'):
+        with contextlib.suppress(OSError):  # has just ended
+            if f'MARK={mark}\0'.encode() in environment.read_bytes():
+                found.append(environment.parent.joinpath('cmdline').read_bytes())
+    return found
+
+
+def test_who_missed_an_interrupt_gets_another():
+    """A process that ends at the second one ends by itself, long before force."""
+    twice = 'import signal, sys\nsignal.signal(signal.SIGINT, lambda *_: signal.signal(signal.SIGINT, end))\n'
+    twice += 'def end(*_): sys.exit(7)\nprint(flush=True)\nwhile True: signal.pause()'
+    with subprocess.Popen([sys.executable, '-c', twice], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        with Graph() as graph:
+            graph.members['deaf'] = Member('deaf', [], process, None, False)
+        assert process.returncode == 7
 
 
 def _hears_ranges(domain):

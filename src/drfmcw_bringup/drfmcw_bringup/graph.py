@@ -26,6 +26,7 @@ HOST, WATCH = 'drfmcw_host.host', 'drfmcw_diagnosis.live.node'
 """Modules that run as processes."""
 
 _STOP_LIMIT = 20.0  # for a clean end after SIGINT; a recorder may have much to write [s]
+_REPEAT = 3.0  # of SIGINT, to who has not ended [s]
 _FIRST_DELAY, _LONGEST_DELAY = 0.5, 30.0  # before a restart [s]
 _STABLE = 60.0  # after which a process that dies is restarted as if for the first time [s]
 WRONG_CONFIGURATION = 2
@@ -74,6 +75,15 @@ def parameters(values: Mapping[str, object], file: Path | None = None) -> list[s
         )
         arguments += ['-p', f'{name}:={text}']
     return arguments
+
+
+def _ends(process: subprocess.Popen[bytes], seconds: float) -> bool:
+    """Return whether a process ends within so many seconds."""
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
 
 
 def _interrupt(signum: int, frame: object) -> None:
@@ -166,16 +176,16 @@ class Graph:
         return ended
 
     def stop(self, *names: str) -> None:
-        """Stop the named members (all without names): SIGINT in order of start, then force for what does not end."""
+        """Stop the named members (all without names): SIGINT in order of start, again after a while, then force."""
         chosen = [self.members.pop(n) for n in names or list(self.members) if n in self.members]
         for member in chosen:
             if member.process.poll() is None:
                 member.process.send_signal(signal.SIGINT)
         end = time.monotonic() + _STOP_LIMIT
         for member in chosen:
-            try:
-                member.process.wait(max(0.1, end - time.monotonic()))
-            except subprocess.TimeoutExpired:
+            while not _ends(member.process, _REPEAT) and time.monotonic() < end:
+                member.process.send_signal(signal.SIGINT)  # whoever heard the first one ignores it
+            if not _ends(member.process, 0.1):
                 member.process.kill()
                 member.process.wait()
             if member.log is not None:

@@ -10,13 +10,13 @@ from collections.abc import Iterator, Sequence
 
 import rclpy
 from drfmcw_msgs.msg import RangeEstimate
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from drfmcw_fusion.pipeline import flag_names
 from drfmcw_ros import qos
 from drfmcw_ros.messages import stamp_ns
 from drfmcw_ros.publishers import Publishers
+from drfmcw_ros.runner import Executor
 
 _RATE_TIME = 2.0  # over which the rate is counted [s]
 
@@ -110,7 +110,7 @@ def monitored(pairs: Sequence[str], domain_id: int | None = None, keep: bool = F
     rclpy.init(args=[], domain_id=domain_id, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     try:
         node = RangeMonitor(pairs, keep)
-        executor = SingleThreadedExecutor()
+        executor = Executor()
         executor.add_node(node)
         spinning = threading.Thread(target=executor.spin, daemon=True)
         spinning.start()

@@ -12,6 +12,8 @@ from typing import NoReturn
 
 from drfmcw_physics.settings import ConfigurationError
 
+from . import interrupts
+
 
 class Parser(argparse.ArgumentParser):
     """Argument parser that says what is wrong in one line."""
@@ -26,6 +28,7 @@ def guarded(prog: str, work: Callable[[], int | None]) -> int:
 
     An error of the operating system counts as wrong input: what it could not open, make or write.
     """
+    interrupts.keep()
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # of `begin`, which a Ctrl-C ended at once
     try:

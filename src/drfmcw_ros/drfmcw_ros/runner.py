@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
 
-from . import streams
+from . import interrupts, streams
 from .cli import reason
 from .operation.security import refuse_pretence
 from .operation.watchdog import Watchdog
@@ -53,6 +53,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         print(f'drfmcw: {error}', file=sys.stderr)
         return 2
     watchdog = Watchdog(os.environ)
+    interrupts.keep()
     signal.signal(signal.SIGINT, _stop)
     signal.signal(signal.SIGTERM, _stop)
     node = None
@@ -123,6 +124,7 @@ class Executor(SingleThreadedExecutor):
     """What the last callback was of: a subscription, a timer, ..."""
 
     _found = 0  # callbacks that were ready so far
+    _sigint_gc: Any = None  # rclpy's destructor asks for it also where a Ctrl-C ended the constructor
 
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
         """Return the next callback that is ready, as rclpy has it."""

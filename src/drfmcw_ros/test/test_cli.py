@@ -59,6 +59,39 @@ def test_ctrl_c_while_the_interpreter_starts_is_silent():
     assert process.returncode == -signal.SIGINT
 
 
+SWALLOWING = """
+import os, signal, sys, time, weakref
+from drfmcw_ros.cli import guarded
+
+def interrupt(reference=None):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.0)  # Python raises it here at the latest
+
+class Object:
+    pass
+
+class Destroyed:
+    __del__ = interrupt
+
+def work():
+    if sys.argv[1] == 'destructor':
+        Destroyed()
+    else:
+        lock = Object()
+        reference = weakref.ref(lock, interrupt)  # as of the lock of a module that is being imported
+        del lock
+    time.sleep(120.0)
+
+sys.exit(guarded('drfmcw x', work))
+"""
+
+
+@pytest.mark.parametrize('where', ['destructor', 'weak reference'])
+def test_ctrl_c_that_python_swallows_ends_the_process_all_the_same(where):
+    ended = subprocess.run([sys.executable, '-c', SWALLOWING, where], capture_output=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, b'', b'')
+
+
 def test_a_module_that_was_begun_is_the_main_one():
     direct = [*BEGIN[:2], *BEGIN[3:]]
     one, other = (subprocess.run(words, capture_output=True, timeout=120, check=False) for words in (BEGIN, direct))

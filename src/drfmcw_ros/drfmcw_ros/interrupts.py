@@ -1,0 +1,31 @@
+"""A Ctrl-C that Python swallows is raised again.
+
+Python raises the exception of a signal wherever it is just then. In a destructor, or in the callback of a weak
+reference, it says 'Exception ignored' and goes on; importing a module runs such callbacks, and so does a collection of
+garbage. The Ctrl-C would be lost, and a process go on for ever.
+"""
+
+import os
+import signal
+import sys
+import threading
+from typing import Any
+
+_PAUSE = 0.05  # before it is raised again: what swallowed it is over by then [s]
+
+
+def keep() -> None:
+    """From here on let no Ctrl-C, and no signal that raises KeyboardInterrupt, be lost in this process."""
+    before = sys.unraisablehook
+    if getattr(before, '__module__', '') == __name__:
+        return
+
+    def hook(unraisable: Any) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            before(unraisable)
+            return
+        again = threading.Timer(_PAUSE, os.kill, (os.getpid(), signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = hook
