@@ -92,6 +92,14 @@ def test_the_tool_knows_an_effect_left_out_and_only_twins_may_replace_it():
     assert sizes.separation(c, slow, truth) < 0.1 < sizes.separation(c, [], truth)
 
 
+@pytest.mark.parametrize(('scale', 'verdict', 'others'), [(40.0, 'ambiguous', 1), (-700.0, 'explained', 0)])
+def test_air_is_no_rival_of_a_scale_beyond_all_of_it(scale, verdict, others):
+    wanted = (cases.Wanted(Applied('reference_scale', None, {'scale': scale})),)
+    case = cases.realise(cases._of_pair('x', 'mixture', condition(), wanted))
+    truth = case.truth()
+    assert (truth['verdicts'], len(truth['rivals'])) == ([verdict], others)
+
+
 def test_separation_is_a_distance():
     """Zero to itself, alike both ways; d to nothing. Small effects, so that noise and lines hardly move."""
     c = condition((60.0, 300.0), 8)

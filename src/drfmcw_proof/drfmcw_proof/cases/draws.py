@@ -168,6 +168,10 @@ TWINS: dict[str, str] = {
 """Effects that change the data alike."""
 
 
+AIR = 500.0
+"""By how much the refractivity of air may differ from the measured one, as the effect bounds it [1e-6]."""
+
+
 def other_station(condition: Condition, station: str | None) -> str:
     """Return the name of the other station."""
     return condition.names[1 - condition.names.index(str(station))]
@@ -192,6 +196,12 @@ def rivals(condition: Condition, effects: Sequence[Applied]) -> tuple[Rival, ...
         if alike is not None:
             found.append((*keys[:number], alike, *keys[number + 1 :]))
     return tuple(found)
+
+
+def possible(alike: Sequence[Rival], effects: Sequence[Applied]) -> tuple[Rival, ...]:
+    """Return the rivals that effects of these sizes have: air cannot differ by more than all of it."""
+    beyond = any(e.effect == 'reference_scale' and abs(e.parameters['scale']) > AIR for e in effects)
+    return tuple(r for r in alike if not (beyond and ('air_refractivity', None) in r))
 
 
 def substitutes(condition: Condition, effect: str) -> tuple[Rival, ...]:

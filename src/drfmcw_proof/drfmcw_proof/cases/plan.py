@@ -31,6 +31,7 @@ from .draws import (
     both_stations,
     floats,
     other_station,
+    possible,
     random_condition,
     rivals,
     substitutes,
@@ -133,7 +134,17 @@ def realise(plan: Plan) -> Case:
             effect, size = scaled(plan.condition, wanted.template, wanted.d, effects)
         effects.append(effect)
         sizes.append(size)
-    return Case(plan, tuple(effects), tuple(sizes))
+    return Case(_possible(plan, effects), tuple(effects), tuple(sizes))
+
+
+def _possible(plan: Plan, effects: Sequence[Applied]) -> Plan:
+    """Return a plan without the rivals that effects of these sizes cannot have."""
+    alike = possible(plan.rivals, effects)
+    if alike == plan.rivals:
+        return plan
+    others = tuple(v for v in plan.verdicts if v != 'ambiguous')
+    verdicts = (*(others or ('explained',)), *(('ambiguous',) if alike else ()))
+    return dataclasses.replace(plan, rivals=alike, verdicts=verdicts)
 
 
 def conceal_case(
