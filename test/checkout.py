@@ -5,7 +5,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
 DATA = ROOT / 'test' / 'data'
-"""Four of the practice recordings, made by another hand: 0 conceals nothing, 2 a ripple, 5 motion, 6 a settling PLL."""
+"""Four of the practice recordings, made by another hand: 0 conceals nothing, 2 a ripple, 5 motion, 6 a settling PLL.
+
+The files of 2, 5 and 6 are compressed, every message as it was."""
 SHARED = ROOT.parent / 'shared' / 'recordings'
 """More recordings, used where they are there; no test needs them."""
 

@@ -10,10 +10,12 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from checkout import ROOT
+from checkout import DATA, ROOT
 
 PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/setup.py'))
 """Those with Python code; drfmcw_msgs holds messages only."""
+
+DATA_LIMIT = 15_000_000  # of test/data [bytes]
 
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
@@ -149,6 +151,13 @@ def test_checks_know_every_package():
     assert sorted(layers.replace('|', ' ').split()) == names
     assert contracts['No modules import each other in a circle']['ancestors'] == names
     assert {f'$MYPY_CONFIG_FILE_DIR/src/{name}' for name in names} <= set(settings['mypy']['mypy_path'])
+
+
+def test_recordings_for_tests_stay_small():
+    """Every checkout carries them, and their history."""
+    sizes = {path: path.stat().st_size for path in DATA.rglob('*') if path.is_file()}
+    largest = sorted(sizes, key=lambda path: sizes[path], reverse=True)[:3]
+    assert sum(sizes.values()) <= DATA_LIMIT, [str(path) for path in largest]
 
 
 def test_no_test_needs_a_path_of_one_machine():
