@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from drfmcw_node.estimators.estimation import EstimatorSettings, Flag
 from drfmcw_node.estimators.registry import estimator
+from drfmcw_node.estimators.spectral import ChirpZ
 from drfmcw_node.processing.early import EarlySweeps
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_node.processing.records import Sweep
@@ -351,3 +352,22 @@ def test_a_bent_ramp_is_one_whether_the_target_moves_or_not():
     bent = own_echo(3.0)[0][:, np.clip(np.rint(1000 * (share + 0.01 * np.sin(6 * np.pi * share))), 0, 999).astype(int)]
     found = estimator(settings, EstimatorSettings(estimator='ml'))(bent, 2048.0)
     assert np.all(found.flags & Flag.MODEL_MISMATCH)
+
+
+@pytest.mark.parametrize(
+    ('count', 'length', 'points', 'span'),
+    [(2048, 2048, 33, 2.0), (1001, 1008, 65, 16.0), (4096, 5000, 1025, 1.0), (17, 18, 5, 2.0)],
+)
+def test_zoom_is_the_spectrum_between_bins(count, length, points, span):
+    """The sum itself, term by term, to less than the rounding of float32; the same bits for each sweep alone."""
+    rng = np.random.default_rng(1)
+    center = count / 2 - 0.3
+    zoom = ChirpZ(count, length, points, span, center)
+    samples = rng.standard_normal((3, count)).astype(np.float32)
+    bins = rng.integers(1, length // 2, 3)
+    found = zoom(samples, bins)
+    cycles = (bins[:, None] + zoom.offsets)[..., None] * (np.arange(count) - center) / length
+    expected = (np.exp(-2j * np.pi * cycles) * samples[:, None]).sum(axis=2)
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(samples).sum(axis=1).min()
+    for row in range(3):
+        assert np.array_equal(zoom(samples[row : row + 1], bins[row : row + 1])[0], found[row])

@@ -1,6 +1,7 @@
 """Readings and streams with whatever QoS they are published, overrides of QoS, unique names in diagnostics."""
 
 import contextlib
+import dataclasses
 import time
 
 import pytest
@@ -13,7 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
-from drfmcw_ros import qos
+from drfmcw_ros import messages, qos
 from drfmcw_ros.diagnostics import Diagnostics
 
 pytestmark = pytest.mark.graph
@@ -227,3 +228,32 @@ def test_two_stations_do_not_hide_each_other_in_the_diagnostics(context):
 
         until(both)
         assert names == {f'/{one}/station: {task}' for one in ('master', 'slave') for task in ('Sweeps', 'Software')}
+
+
+@dataclasses.dataclass
+class Reading:
+    """The fields of a temperature; counts how often it is made into a message."""
+
+    stamp: int = 1
+    frame_id: str = 'site'
+    variance: float = 0.0
+    made: int = 0
+
+    @property
+    def temperature(self):
+        self.made += 1
+        return 20.0
+
+
+@pytest.mark.parametrize(('profile', 'kept'), [(qos.WEATHER, True), (qos.RELIABLE, False)], ids=['latched', 'volatile'])
+def test_message_that_nobody_would_get_is_not_made(context, profile, kept):
+    """A latched one is made: who comes later gets it. From a subscriber on, every one is made."""
+    heard, source = [], Reading()
+    with spinning(context, sensor={}, listener={}) as (sensor, listener, until):
+        publisher = qos.publisher(sensor, Temperature, TOPIC, profile)
+        messages.publish(publisher, source)
+        assert source.made == kept
+        qos.readings(listener, Temperature, TOPIC, heard.append)
+        until(lambda: len(heard) == kept and publisher.get_subscription_count())
+        until(lambda: messages.publish(publisher, source) or len(heard) > kept)
+    assert all(message.temperature == 20.0 for message in heard)
