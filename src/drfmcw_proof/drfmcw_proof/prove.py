@@ -343,7 +343,7 @@ def _real(arguments: argparse.Namespace, command: str) -> int:
     out, documents = _folders(arguments)
     console = Console(stderr=True)
     paths = recordings([Path(path) for path in arguments.real])
-    text = page(command, *run(paths, arguments.seed, lambda name: console.print(name, highlight=False)))
+    text = page(command, run(paths, arguments.seed, lambda name: console.print(name, highlight=False)))
     for folder in filter(None, (out, documents)):
         folder.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / 'real_recordings.md', text)

@@ -1,8 +1,12 @@
 """The proof on real recordings: what is added is found, nothing else; skipped where no real recording lies."""
 
+import math
+
 import numpy as np
 import pytest
 from checkout import DATA, SHARED
+from scenes import STANDARD_STATION, record
+from scipy.signal import hilbert
 
 from drfmcw_diagnosis.engine import diagnose, diagnose_dataset
 from drfmcw_diagnosis.recording.dataset import read_dataset
@@ -10,8 +14,9 @@ from drfmcw_diagnosis.scene.judge import examine, own_ramp, shared_ramps
 from drfmcw_diagnosis.scene.ramps.shared import carried_over
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_proof.prove import main
-from drfmcw_proof.real.concealing import concealments, swapped
+from drfmcw_proof.real.concealing import concealments, first_sweeps, swapped, unchanged
 from drfmcw_proof.real.running import recordings
+from drfmcw_sim.scenario import scenario_from_mapping
 
 REAL = SHARED / 'real'
 real = pytest.mark.skipif(not REAL.exists(), reason='real recordings are not in the repository')
@@ -31,6 +36,54 @@ def test_a_directory_without_recordings_is_refused_in_one_line(tmp_path, capsys)
     assert main(['--real', str(tmp_path), '--out', str(tmp_path / 'out')]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not (tmp_path / 'out').exists()
+
+
+@pytest.fixture(scope='module')
+def cable(tmp_path_factory):
+    """20 sweeps of a station with 60 m of cable, without the noise of its oscillator."""
+    scenario = {
+        'stations': {'radar': STANDARD_STATION | {'delay': 12e-9, 'phase_noise_level': math.nan}},
+        'pairs': [{'first': 'radar', 'second': 'radar', 'standing': {'distances': [60.0], 'sweeps': 20}}],
+        'reference': {'enabled': False},
+        'seed': 3,
+    }
+    return read_dataset(record(scenario_from_mapping(scenario, 'test'), tmp_path_factory.mktemp('cable') / 'r'))
+
+
+def analytic(data):
+    signal = data.samples_of(0).astype(float)
+    return hilbert(signal - signal.mean(axis=1, keepdims=True), axis=1)
+
+
+def test_an_added_ripple_turns_the_line_by_its_delay(cable):
+    """2 pi tau deviation sin(2 pi rate t + 0.7), to 5 % of its peak off the ends."""
+    added = [c for c in concealments(cable, 1) if c.effect == 'sweep_ripple'][-1]
+    (sweep,) = cable.sweeps[0]
+    time = np.arange(sweep.sample_count) / sweep.sample_rate
+    turned = np.angle(np.mean(analytic(added.data) * analytic(cable).conj(), axis=0))
+    delay = 60.0 * 1.0003 / 299792458.0 + 12e-9
+    expected = 2 * np.pi * delay * added.size['deviation'] * np.sin(2 * np.pi * added.size['rate'] * time + 0.7)
+    inside = slice(len(time) // 10, -len(time) // 10)
+    assert np.abs(turned - expected)[inside].max() < 0.05 * np.abs(expected).max()
+
+
+def test_an_added_echo_is_a_line_of_its_delay_and_level(cable):
+    added = next(c for c in concealments(cable, 1) if c.effect == 'echo')
+    (sweep,) = cable.sweeps[0]
+    copy = analytic(added.data) - analytic(cable)
+    ratio = np.mean(copy * analytic(cable).conj(), axis=0)
+    turns = np.polyfit(np.arange(len(ratio))[50:-50], np.unwrap(np.angle(ratio))[50:-50], 1)[0] / (2 * np.pi)
+    delay = turns * sweep.sample_rate / sweep.chirp_rate
+    assert abs(delay * 299792458.0 / added.size['path'] - 1.0) < 0.01
+    level = np.sum(np.abs(copy) ** 2) / np.sum(np.abs(analytic(cable)) ** 2)
+    assert abs(10.0 * np.log10(level) - added.size['level']) < 0.3
+
+
+def test_controls_are_the_sweeps_as_they_were(cable):
+    assert unchanged(cable) == []  # too few to be divided
+    short = first_sweeps(cable, 7)
+    assert len(short) == 7 and np.array_equal(short.samples_of(0), cable.samples_of(0)[:7])
+    assert short.stamp.shape == (7,) and short.full_scale.shape == (1, 7)
 
 
 @real
@@ -71,7 +124,7 @@ def test_a_bent_ramp_carries_over_to_another_setting():
 def test_effects_added_to_real_samples_come_out():
     """At least nine of ten; one seed."""
     data = read_dataset(REAL / 'presense_awr')
-    trials = concealments(data, 1)
+    trials = [t for t in concealments(data, 1) if t.effect in ('clipping', 'interference_burst', 'iq_imbalance')]
     right = sum(set(effects(examine(t.data, 0.01))) == {t.effect} for t in trials)
     assert right >= 0.9 * len(trials)
     data = read_dataset(REAL / 'awr1243_interferer')

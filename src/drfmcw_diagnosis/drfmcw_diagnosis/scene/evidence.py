@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
@@ -14,8 +15,9 @@ from ..finding.result import Estimate, Explanation, FoundEffect, Location
 from ..search.bank import Candidate
 from .background import Background, gain
 from .bursts import Bursts
-from .forward.model import Straight
+from .forward.model import Scene, Straight
 from .forward.naming import Named
+from .forward.tracks import Tracks, solve
 from .images import Image
 from .limits import JUDGE, SIDES
 from .material import Material
@@ -191,6 +193,29 @@ def _of_candidate(c: Candidate, std: dict[str, float], gain: float, chance: floa
         for name, value in c.values.items()
     }
     return FoundEffect(c.effect, m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))
+
+
+def of_lines(s: Scene, tracks: Tracks) -> Evidence:
+    """Say where the lines stand that describe a scene, by their frequencies in the middle of the recording."""
+    if not len(tracks):
+        return Evidence((), (), ())
+    m = s.material
+    middle = solve(s.fitted, tracks).phasor  # (n, L) lines within a cell of each other are one
+    order = np.argsort(tracks.frequency[:, 0])
+    apart = np.diff(tracks.frequency[order, 0]) > 1.0 / len(s.held)
+    groups = np.split(order, np.flatnonzero(apart) + 1)
+    sign = 1.0 if m.bandwidth > 0.0 or not m.iq else -1.0
+    scale = sign * m.rate / abs(m.bandwidth) * m.duration * SPEED_OF_LIGHT
+    figures = []
+    for group in groups:
+        weight = np.mean(np.abs(middle[:, group]), axis=0)
+        level = m.decibels(float(np.sqrt(np.mean(np.abs(middle[:, group].sum(axis=1)) ** 2))))
+        path = float(scale * np.average(tracks.frequency[group, 0], weights=weight))
+        figures.append({'path': path, 'level': level, 'cell': abs(scale) / len(s.held)})
+    figures.sort(key=lambda x: -x['level'])
+    shown = ', '.join(f'{x["path"]:.3g} m ({x["level"]:.0f} dBFS)' for x in figures[: JUDGE.shown])
+    text = f'The strongest of {len(figures)} lines stand at paths of {shown}.'
+    return Evidence((), (), (text,), (), {'lines': figures})
 
 
 def of_multiples() -> Evidence:

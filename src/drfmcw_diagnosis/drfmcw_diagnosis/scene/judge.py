@@ -23,6 +23,7 @@ from .evidence import (
     of_bursts,
     of_image,
     of_limit,
+    of_lines,
     of_multiples,
     of_named,
     of_ramp,
@@ -31,7 +32,7 @@ from .evidence import (
 )
 from .forward import outcome
 from .forward.limits import NAMING
-from .forward.model import multiples, scene, straight
+from .forward.model import Straight, multiples, scene, straight
 from .forward.naming import Named, named, searched
 from .images import Image, image
 from .images import measured as measured_image
@@ -118,6 +119,7 @@ def examine(
         found.append(of_multiples())
     elif (single or at_zero) and not any(e.effects for e in found):
         return None
+    found += _of_scene(None if single or bent is not None else alone, effects)
     repeated = None if single else background(m)
     if repeated is not None:
         found.append(_kept(of_background(repeated, track(m), m), without))
@@ -125,6 +127,13 @@ def examine(
     found.append(of_side(m))
     result = result or outcome.of_lines(alone)
     return _diagnosis(data, m, found, result, bent, repeated, effects, false_alarm_rate, out, command)
+
+
+def _of_scene(alone: Straight | None, effects: Named | None) -> list[Evidence]:
+    """Return what the lines of a scene say, nothing where there is none."""
+    if alone is None:
+        return []
+    return [of_lines(alone.scene, alone.tracks if effects is None else effects.fitted.tracks)]
 
 
 def own_image(data: Dataset) -> Image | None:

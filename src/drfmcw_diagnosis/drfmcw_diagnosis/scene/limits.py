@@ -359,6 +359,9 @@ class JudgeLimits:
     single: float = 0.9
     """Share of the power in one line from which on there is no scene [1]; chosen."""
 
+    shown: int = 5
+    """Lines whose paths are said, at most; chosen."""
+
     fitted: float = 2.0 / 3.0
     """Share of the sweeps that is fitted [1]; chosen, as for features."""
 

@@ -5,20 +5,35 @@ from collections.abc import Sequence
 from drfmcw_diagnosis.finding.quantities import misfit
 from drfmcw_diagnosis.finding.result import Diagnosis
 
-from .running import Carried, Found, Setting, Trial
+from .running import Carried, Control, Found, Results, Setting
 
 _RIGHT = 0.9  # share of the trials that must be right
+_LARGE = 12.0  # d from which on they count
+_IMPORTS = [
+    'Six are at hand as recordings. The others are imported from the files beside them, with these settings:',
+    '',
+    '```yaml',
+    '# bgt60.yaml',
+    'radar: {start_frequency: 58e9, bandwidth: 5.5e9}',
+    'layout: {axes: [frame, receiver, chirp, sample], receiver: 0}',
+    'samples: {bits: 12, coding: offset_binary}',
+    '# coffeecan.yaml',
+    'radar: {start_frequency: 2.408e9, bandwidth: 87e6, ramp_duration: 20e-3}',
+    'layout: {sample_count: 882}',
+    '```',
+    '',
+    '```',
+    './drfmcw import raw/bgt60_radar.npy --settings bgt60.yaml --out more/bgt60',
+    './drfmcw import raw/coffeecan_single_target.wav --settings coffeecan.yaml --out more/coffeecan',
+    '```',
+]
 
 
 def page(
     command: str,
-    found: Sequence[Found],
-    trials: Sequence[Trial],
-    carried: Sequence[Carried],
-    settings: Sequence[Setting],
-    exchanged: Sequence[tuple[str, bool]],
+    results: Results,
 ) -> str:
-    """Return the page as Markdown."""
+    """Return the page as Markdown; `command` made it."""
     lines = [
         '# Recordings of real radars',
         '',
@@ -35,13 +50,15 @@ def page(
         '| recording | sweeps x samples | verdict | effects | misfit before | after | left | time |',
         '|---|---|---|---|---|---|---|---|',
     ]
-    lines += map(_row, found)
-    for x in found:
+    lines += map(_row, results.found)
+    for x in results.found:
         said = _sentences(x.diagnosis)
         if said:
             lines += ['', f'**{x.name}**: ' + ' '.join(said)]
-    lines += ['', '## Ramps learnt on one recording, tried on another one', '', *_shapes(carried), *_wrong(settings)]
-    lines += ['', '## Effects added to real samples', '', *_tries(trials, exchanged)]
+    lines += ['', '## Ramps learnt on one recording, tried on another one', '', *_shapes(results.carried)]
+    lines += [*_wrong(results.settings), '', '## Effects added to real samples', '', *_tries(results)]
+    lines += ['', '## Nothing added', '', *_controls(results.controls)]
+    lines += ['', '## How the recordings were made', '', *_IMPORTS]
     lines += [
         '',
         '## What cannot be found this way',
@@ -86,6 +103,7 @@ def _sentences(d: Diagnosis | None) -> list[str]:
         'repeats with the ramp',
         'strongest line that moves',
         'lines before the limit',
+        'strongest of',
     )
     return [] if d is None else [s for s in d.sentences if any(w in s for w in wanted)]
 
@@ -116,30 +134,53 @@ def _wrong(settings: Sequence[Setting]) -> list[str]:
     lines = [
         '',
         'A wrong setting of one recording shows beside another one of the same radar and cable: the delays disagree by '
-        'more than 0.3 %, or the shape no longer fits.',
+        'more than 0.3 %, or the shape no longer fits. d is the root of the rise of chi-square on what was held out.',
         '',
-        '| learnt on | tried on, with a wrong setting | difference of the delays | misfit over that with the right '
+        '| learnt on | tried on, with a wrong setting | d | difference of the delays | misfit over that with the right '
         'setting | seen |',
-        '|---|---|---|---|---|',
+        '|---|---|---|---|---|---|',
     ]
     return lines + [
-        f'| {s.learnt} | {s.tried}: {s.words} | {100.0 * s.difference:+.2f} % | {s.misfit:.2f} | '
+        f'| {s.learnt} | {s.tried}: {s.words} | {s.size:.0f} | {100.0 * s.difference:+.2f} % | {s.misfit:.2f} | '
         f'{"yes" if s.seen else "no"} |'
         for s in settings
     ]
 
 
-def _tries(trials: Sequence[Trial], exchanged: Sequence[tuple[str, bool]]) -> list[str]:
+def _tries(results: Results) -> list[str]:
+    trials = [t for t in results.trials if t.size >= _LARGE]
     right = sum(t.outcome == 'right' for t in trials)
-    invented = sum(t.outcome == 'invented' for t in trials)
-    seen = sum(x for _, x in exchanged)
+    invented = sum(t.outcome == 'invented' for t in results.trials)
+    seen = sum(x for _, x in results.exchanged)
     lines = [
-        'Sizes of an imbalance are judged with what the receiver has of its own, as the unchanged samples show it. '
-        f'{right} of {len(trials)} right ({100.0 * right / max(len(trials), 1):.0f} %, aim {100.0 * _RIGHT:.0f} %), '
-        f'{invented} with a further effect invented. Swapped I and Q were seen in {seen} of {len(exchanged)} '
-        'recordings.',
+        'The first 96 sweeps of each are taken. '
+        'd is the root sum of squares of what was added, over the standard deviation of what the diagnosis of the '
+        'unchanged recording leaves. Sizes of an imbalance are judged with what the receiver has of its own, as the '
+        'unchanged samples show it; an echo of a radar that hears itself is one more line, and right where that line '
+        'stands. Ripples and echoes are not tried beside bursts and bent ramps, where neither is searched for, nor '
+        'anything in a receiver that limits.',
         '',
-        '| recording | added | outcome | found |',
-        '|---|---|---|---|',
+        f'{right} of {len(trials)} with d of {_LARGE:.0f} and more right ({100.0 * right / max(len(trials), 1):.0f} %, '
+        f'aim {100.0 * _RIGHT:.0f} %), {invented} with a further effect invented. Swapped I and Q were seen in {seen} '
+        f'of {len(results.exchanged)} recordings.',
+        '',
+        '| recording | added | d | outcome | found |',
+        '|---|---|---|---|---|',
     ]
-    return lines + [f'| {t.recording} | {t.effect}: {t.words} | {t.outcome} | {t.found} |' for t in trials]
+    return lines + [
+        f'| {t.recording} | {t.effect}: {t.words} | {t.size:.0f} | {t.outcome} | {t.found} |' for t in results.trials
+    ]
+
+
+def _controls(controls: Sequence[Control]) -> list[str]:
+    if not controls:
+        return ['No recording has sweeps enough to be divided.']
+    invented = [c for c in controls if c.invented]
+    lines = [
+        f'Halves of the recordings as they are: in {len(invented)} of {len(controls)} an effect is named that the '
+        'whole recording does not show.',
+        '',
+        '| recording | sweeps | invented |',
+        '|---|---|---|',
+    ]
+    return lines + [f'| {c.recording} | {c.words} | {", ".join(sorted(c.invented)) or "nothing"} |' for c in controls]

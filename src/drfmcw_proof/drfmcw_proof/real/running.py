@@ -16,11 +16,16 @@ from drfmcw_diagnosis.scene.ramps.ramp import Ramp
 from drfmcw_diagnosis.scene.ramps.shared import carried_over
 from drfmcw_physics.settings import ConfigurationError
 
-from .concealing import concealments, swapped, wrong_settings
+from .concealing import concealments, first_sweeps, noise_of, swapped, unchanged, wrong_settings
 
 _AGREE = 0.003  # delays of one cable by one shape, relative
 _WORSE = 1.5  # misfit by another recording's shape over that with the right setting
 _STANDARD_DEVIATIONS = 4.0  # within which a size must come out
+_SWEEPS = 96  # of a recording to which effects are added: half a minute for each
+_RELATIVE = 0.1  # or within which share of it: what the lines leave biases it
+_DECIBEL = 3.0  # within which the level of a copied line must come out: neighbours beat with it
+_OF_LINES = frozenset({'sweep_ripple', 'echo'})  # shown by lines, which are not searched for beside
+_HIDING = frozenset({'interference_burst', 'sweep_shape'})  # these
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,8 +53,18 @@ class Trial:
     recording: str
     effect: str
     words: str
+    size: float  # d: root sum of squares of what was added, over the standard deviation of what was left before [1]
     outcome: str  # 'right', 'missed', 'wrong size', 'invented'
     found: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Control:
+    """Sweeps of a recording to which nothing was added."""
+
+    recording: str
+    words: str
+    invented: frozenset[str]  # effects that the whole recording does not show
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +90,12 @@ class Setting:
     words: str
     difference: float  # of the delays, relative
     misfit: float  # by the other's shape, over that with the right setting
+    held_out: int  # samples
+
+    @property
+    def size(self) -> float:
+        """Root of the rise of chi-square on what was held out: d."""
+        return math.sqrt(self.held_out * max(self.misfit**2 - 1.0, 0.0))
 
     @property
     def seen(self) -> bool:
@@ -106,12 +127,22 @@ def recordings(paths: Sequence[Path]) -> list[Path]:
     return found
 
 
-def run(
-    paths: Sequence[Path], seed: int, progress: Callable[[str], None]
-) -> tuple[list[Found], list[Trial], list[Carried], list[Setting], list[tuple[str, bool]]]:
-    """Return findings, trials, shapes carried over, wrong settings, and whether swapped I and Q were seen."""
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """All that was tried."""
+
+    found: list[Found]
+    trials: list[Trial]
+    controls: list[Control]
+    carried: list[Carried]
+    settings: list[Setting]
+    exchanged: list[tuple[str, bool]]  # whether swapped I and Q were seen
+
+
+def run(paths: Sequence[Path], seed: int, progress: Callable[[str], None]) -> Results:
+    """Return findings, and what became of what was added, left as it is, carried over and set wrong."""
     datasets: dict[str, Dataset] = {}
-    found, trials, exchanged = [], [], []
+    results = Results([], [], [], [], [], [])
     for path in paths:
         progress(path.name)
         start = time.monotonic()
@@ -121,14 +152,23 @@ def run(
         except ConfigurationError as error:
             diagnosis, refusal = None, str(error).rpartition(': ')[2]
             if path.name not in datasets:
-                found.append(Found(path.name, 0, 0, False, None, refusal, time.monotonic() - start))
+                results.found.append(Found(path.name, 0, 0, False, None, refusal, time.monotonic() - start))
                 continue
         count = data.samples_of(0).shape[1] // (2 if data.iq else 1)
-        found.append(Found(path.name, len(data), count, data.iq, diagnosis, refusal, time.monotonic() - start))
-        trials += _trials(path.name, data, found[-1].effects, seed)
+        found = Found(path.name, len(data), count, data.iq, diagnosis, refusal, time.monotonic() - start)
+        results.found.append(found)
+        short = first_sweeps(data, _SWEEPS)
+        plain = examine(short, LIMITS.false_alarm_rate)
+        known = found.effects | named(plain)
+        results.trials.extend(_trials(path.name, short, known, plain, seed, progress))
+        for words, part in unchanged(short):
+            progress(f'  {words}')
+            own = named(examine(part, LIMITS.false_alarm_rate))
+            results.controls.append(Control(path.name, words, own - known))
         if data.iq:
-            exchanged.append((path.name, _sign(data) != _sign(swapped(data))))
-    return found, trials, *_carried(datasets), exchanged
+            results.exchanged.append((path.name, _sign(data) != _sign(swapped(data))))
+    carried, settings = _carried(datasets)
+    return dataclasses.replace(results, carried=carried, settings=settings)
 
 
 def _sign(data: Dataset) -> bool:
@@ -136,19 +176,60 @@ def _sign(data: Dataset) -> bool:
     return bool(diagnosis is not None and diagnosis.scene and diagnosis.scene.get('mirrored'))
 
 
-def _trials(name: str, data: Dataset, before: frozenset[str], seed: int) -> list[Trial]:
+def _trials(
+    name: str,
+    data: Dataset,
+    before: frozenset[str],
+    plain: Diagnosis | None,
+    seed: int,
+    progress: Callable[[str], None],
+) -> list[Trial]:
+    """Return what becomes of what is added to a recording, which shows the effects `before`, diagnosed as `plain`."""
     trials = []
+    left = noise_of(data)
+    if plain is not None and math.isfinite(plain.fit.held_out.after):
+        left *= math.sqrt(max(plain.fit.held_out.after, 1.0))
     for concealed in concealments(data, seed):
-        if before & {concealed.effect, 'clipping'}:
+        if before & {concealed.effect, 'clipping'} or (concealed.effect in _OF_LINES and before & _HIDING):
             continue  # it is there already, or hides what is added
+        progress(f'  {concealed.effect}: {concealed.words}')
         diagnosis = examine(concealed.data, LIMITS.false_alarm_rate)
         size = concealed.size
         own = own_image(data) if concealed.effect == 'iq_imbalance' else None
         if own is not None:  # gains and phases of both add
             size = {'gain': size['gain'] + own.gain, 'phase': size['phase'] + own.phase}
-        outcome, text = _outcome(diagnosis, concealed.effect, size, before)
-        trials.append(Trial(name, concealed.effect, concealed.words, outcome, text))
+        if concealed.effect == 'echo':
+            outcome, text = _lines_of_it(plain, diagnosis, size, before)
+        else:
+            outcome, text = _outcome(diagnosis, concealed.effect, size, before)
+        trials.append(Trial(name, concealed.effect, concealed.words, concealed.added / left, outcome, text))
     return trials
+
+
+def _lines_of_it(
+    plain: Diagnosis | None, diagnosis: Diagnosis | None, size: dict[str, float], before: frozenset[str]
+) -> tuple[str, str]:
+    """Return whether the copy of the strongest line stands where it must: in a scene an echo is one line more."""
+    known, lines_ = _lines(plain), _lines(diagnosis)
+    effects = named(diagnosis)
+    text = ', '.join(sorted(effects)) or 'nothing'
+    if not known or not lines_:
+        return 'missed', text
+    strongest = max(known, key=lambda x: x['level'])
+    path, level = strongest['path'] + size['path'], strongest['level'] + size['level']
+    cell = float(lines_[0]['cell'])
+    near = [x for x in lines_ if abs(x['path'] - path) < cell]
+    if not near:
+        return 'missed', text
+    line = min(near, key=lambda x: abs(x['path'] - path))
+    text += f'; line at {line["path"]:.3g} m, {line["level"] - strongest["level"]:.1f} dB'
+    if effects - before:
+        return 'invented', text
+    return ('right' if abs(line['level'] - level) < _DECIBEL else 'wrong size'), text
+
+
+def _lines(diagnosis: Diagnosis | None) -> list[dict[str, float]]:
+    return (diagnosis.scene or {}).get('lines', []) if diagnosis else []
 
 
 def _outcome(
@@ -164,8 +245,9 @@ def _outcome(
     for parameter, value in size.items():
         estimate = of_it[0].parameters[parameter]
         text += f'; {parameter} {estimate.value:.3g} ± {estimate.std:.2g}'
-        if abs(estimate.value - value) > _STANDARD_DEVIATIONS * estimate.std:
-            return 'wrong size', text
+        apart = abs(estimate.value) - value if effect == 'sweep_ripple' else estimate.value - value
+        if abs(apart) > max(_STANDARD_DEVIATIONS * estimate.std, _RELATIVE * abs(value)):
+            return 'wrong size', text  # of a ripple, the sign goes with the phase
     return 'right', text
 
 
@@ -191,7 +273,8 @@ def _carried(datasets: dict[str, Dataset]) -> tuple[list[Carried], list[Setting]
                 if wrong is not None:
                     moved = carried_over(known.shape, wrong)
                     difference = float(moved.shape.delay[0] / known.shape.delay[0]) - 1.0
-                    settings.append(Setting(learnt, tried, words, difference, moved.held_out / other.held_out))
+                    held = int(sum(line.held.sum() for line in moved.lines))
+                    settings.append(Setting(learnt, tried, words, difference, moved.held_out / other.held_out, held))
     return result, settings
 
 

@@ -173,6 +173,9 @@ class NamingLimits:
     curves: int = 2
     """Free curves of the ramp's rate that are compared, those of the fewest coefficients; chosen."""
 
+    crowded: int = 2
+    """Bends of the ramp that are fitted to all lines of a scene of many; chosen."""
+
     finalists: int = 3
     """Kinds of effects that are tried on what is held out; chosen."""
 

@@ -10,12 +10,12 @@ from scipy.interpolate import BSpline
 from drfmcw_sim.effects import ActsOn, Effect, Of, Recipe
 
 from ...search.bank import Candidate, recipes
-from .joint import Fitted, fit, judged, modelled, simulated, with_lines
+from .joint import Fitted, curve, fit, judged, modelled, simulated, with_lines
 from .limits import NAMING, WARPS
-from .misfit import Misfit
+from .misfit import Misfit, of_sweeps
 from .model import Scene, Straight
-from .tracks import Sweeps, Tracks
-from .warps import Start, starting_values, starts
+from .tracks import Sweeps, Tracks, lines, solve
+from .warps import Start, resampled, starting_values, starts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +119,9 @@ def _best(s: Scene, current: Fitted, without: Collection[str]) -> list[Fitted]:
     known = {c.effect for c in current.candidates}
     plain = with_lines(s, some, Fitted(Tracks(np.zeros((0, order))), current.candidates, np.inf), NAMING.lines)
     tried: list[Fitted] = []
-    for candidate in _candidates(s, rows, some, plain, set(without) | known):
+    looked = rows[np.unique(np.round(np.linspace(0, len(rows) - 1, max(WARPS.values // len(s.held), 1))).astype(int))]
+    bends = starts(s, looked, set(without) | known)
+    for candidate in _candidates(s, some, plain, bends, set(without) | known):
         try:
             tried.append(_compared(s, some, current, candidate))
         except (ValueError, np.linalg.LinAlgError):
@@ -141,6 +143,32 @@ def _best(s: Scene, current: Fitted, without: Collection[str]) -> list[Fitted]:
         whole = fit(s, s.fitted, x.tracks, x.candidates, NAMING.rounds)
         whole = with_lines(s, s.fitted, whole, max(len(current.tracks), NAMING.lines), 1)
         found.append(fit(s, s.fitted, whole.tracks, whole.candidates, NAMING.final))
+    if len(current.tracks) > NAMING.lines:
+        found += _crowded(s, current, bends)
+    return found
+
+
+def _crowded(s: Scene, current: Fitted, bends: list[Start]) -> list[Fitted]:
+    """Return what bends the ramp of a scene of so many lines that a few of them describe nothing.
+
+    A fit of the first lines goes astray there. So the lines of the sharpest spectrum are found over the time in which
+    it makes them straight, and fitted together with the bend from there.
+    """
+    found = []
+    for start in bends[: NAMING.crowded]:
+        candidates = (*current.candidates, start.candidate)
+        bend = curve(s, candidates)
+        if bend is None:
+            continue
+        straightened = Sweeps(
+            resampled(s.fitted.signal * s.fitted.used, bend), s.fitted.place, np.ones_like(s.fitted.used)
+        )
+        tracks = lines(straightened, s.floor, current.tracks.frequency.shape[1])
+        left = straightened.signal - solve(straightened, tracks).model
+        if of_sweeps(straightened, left, 0.0, s.floor).per_freedom > NAMING.better * current.misfit:
+            continue
+        frequency = tracks.frequency / (1.0 + (bend[-1] - bend[0]) / (len(bend) - 1.0))
+        found.append(fit(s, s.fitted, Tracks(frequency), candidates, NAMING.final))
     return found
 
 
@@ -157,10 +185,8 @@ def _compared(s: Scene, some: Sweeps, current: Fitted, candidate: Candidate) -> 
     return found
 
 
-def _candidates(s: Scene, rows: np.ndarray, some: Sweeps, plain: Fitted, without: set[str]) -> list[Candidate]:
+def _candidates(s: Scene, some: Sweeps, plain: Fitted, bends: list[Start], without: set[str]) -> list[Candidate]:
     """Return where fits begin."""
-    looked = rows[np.unique(np.round(np.linspace(0, len(rows) - 1, max(WARPS.values // len(s.held), 1))).astype(int))]
-    bends = starts(s, looked, without)
     found = [x.candidate for x in bends]
     few = _strong(s, some, plain)
     for name, recipe in recipes(without):
