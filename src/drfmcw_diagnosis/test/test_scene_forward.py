@@ -100,6 +100,16 @@ def test_an_effect_on_all_lines_is_named(name, how):
     assert found.outside.per_freedom < 1.1
 
 
+def test_a_ripple_is_found_in_clutter_of_more_lines_than_are_fitted():
+    """60 returns, of which 24 are fitted: the lines that are left do not hide it; one seed."""
+    generator = np.random.default_rng(2)
+    paths = [(path, 100.0 * 10.0 ** generator.uniform(-0.5, 0.3)) for path in generator.uniform(25.0, 120.0, 60)]
+    names, _, _, found = explained(sweeps(5, lambda t: 1e6 * np.sin(2 * np.pi * 120e3 * t), paths=paths, count=24))
+    assert names == ['sweep_ripple']
+    values = found.fitted.candidates[0].values
+    assert abs(values['rate'] / 120e3 - 1.0) < 0.02 and abs(abs(values['deviation']) / 1e6 - 1.0) < 0.1
+
+
 @pytest.mark.parametrize('iq', [False, True])
 def test_lines_in_noise_are_consistent(iq):
     """100 scenes at a false-alarm rate of 1 %: 6 or more fail with a chance of 5e-4."""
