@@ -243,13 +243,10 @@ def of_background(found: Background, moving: Track | None, m: Material) -> Evide
         f'{gain(found.constant, found.varying):.1f} dB in all. These are measured, not explained.'
     ]
     if moving is not None:
-        seen = np.isfinite(moving.path)
-        paths, sweeps = moving.path[seen], moving.sweep[seen]
-        near, far = np.quantile(paths, [0.05, 0.95])
+        near, far = np.nanquantile(moving.path, [0.05, 0.95])
         said.append(
-            f'The strongest line that moves stands at paths of {near:.1f} to {far:.1f} m nine tenths of the time, '
-            f'closest around sweep {np.median(sweeps[paths <= near]):.0f} and farthest around sweep '
-            f'{np.median(sweeps[paths >= far]):.0f}; a target is at half of it.'
+            f'The strongest line that moves stands at paths of {near:.1f} to {far:.1f} m nine tenths of the time; a '
+            'target is at half of it.'
         )
     misfit = {'constant': found.constant, 'repeating': found.repeating, 'varying': found.varying, 'unit': 'LSB'}
     figures: dict[str, Any] = {'background': misfit | {'patterns': len(found.patterns)}}
