@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
@@ -15,6 +15,7 @@ from ..finding.result import Estimate, Explanation, FoundEffect, Location
 from ..search.bank import Candidate
 from .background import Background, gain
 from .bursts import Bursts
+from .forward.misfit import bounded
 from .forward.model import Scene, Straight
 from .forward.naming import Named
 from .forward.tracks import Tracks, solve
@@ -113,7 +114,7 @@ def convention(found: Ramp) -> float:
 
 def of_limit(found: Limit, m: Material, gain: float) -> Evidence:
     """Return clipping, which is counted and gains so much in what is held out, and the high-pass behind it."""
-    std = 20.0 / math.log(10.0) * found.level_std / found.level
+    std = DECIBELS_PER_NEPER * found.level_std / found.level
     parameters = {'level': Estimate(m.decibels(found.level), max(std, 0.05), 'dBFS')}
     effects = [_effect('limit', m, parameters, gain, found.probability)]
     sentences = [f'{100.0 * found.share:.1f} % of the samples stand at a limit of ±{found.level:.0f} LSB.']
@@ -140,7 +141,7 @@ def of_bursts(found: Bursts, m: Material, gain: float) -> Evidence:
         f'In {int(found.hit.sum())} of {count} sweeps, {100.0 * found.share:.1f} % of the samples, the power that no '
         f'line predicts is {10.0 * math.log10(found.excess):.1f} dB above that of the others.'
     )
-    chance = max(found.chance, math.exp(-min(max(gain, 0.0), 690.0)))
+    chance = max(found.chance, bounded(gain))
     return Evidence((_effect('bursts', m, parameters, gain, chance),), (at,), (text,))
 
 
@@ -148,7 +149,7 @@ def of_image(found: Image, m: Material) -> Evidence:
     """Return the imbalance of I and Q."""
     std = 2.0 * found.std
     parameters = {
-        'gain': Estimate(found.gain, 20.0 / math.log(10.0) * std, 'dB'),
+        'gain': Estimate(found.gain, DECIBELS_PER_NEPER * std, 'dB'),
         'phase': Estimate(found.phase, math.degrees(std), 'deg'),
     }
     gained = 0.5 * (abs(found.ratio) / found.std) ** 2
@@ -289,5 +290,5 @@ def _apart(value: float, std: float) -> tuple[float, float]:
 def _effect(
     shown: str, m: Material, parameters: dict[str, Estimate], gain: float, probability: float | None = None
 ) -> FoundEffect:
-    chance = math.exp(-min(gain, 690.0)) if probability is None else probability
+    chance = bounded(gain) if probability is None else probability
     return FoundEffect(shown_by(shown), m.station, parameters, max(gain, 0.0), max(chance, JUDGE.certain))

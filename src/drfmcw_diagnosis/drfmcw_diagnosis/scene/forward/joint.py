@@ -9,10 +9,10 @@ from drfmcw_physics.settings import declared_parameters
 
 from ...search.bank import Candidate
 from .limits import FORWARD
-from .misfit import Misfit, of_blocks, of_sweeps
-from .model import Scene
+from .misfit import Misfit
+from .model import Scene, judged_by
 from .simulated import Simulated
-from .tracks import Solved, Sweeps, Tracks, basis, solve, strongest
+from .tracks import Solved, Sweeps, Tracks, basis, slopes, solve, strongest, waves
 from .warps import later as later_by
 from .warps import resampled
 
@@ -76,7 +76,6 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
     damping, covariance = FORWARD.damping, np.zeros((len(names), len(names)))
     lines = len(tracks)
     for _ in range(rounds):
-        slopes = [found.waves * (2j * np.pi * sweeps.time) * found.phasor[..., None]]
         columns = []
         fixed = found.phasor, found.constant
         for k, (i, name) in enumerate(names):
@@ -85,7 +84,7 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
             moved = point.copy()
             moved[k] += step
             columns.append((_with(sweeps, tracks, simulated(s, with_values(moved)), *fixed) - whole) / step)
-        jacobian = slopes[0] if sweeps.iq else slopes[0].real
+        jacobian = slopes(sweeps, found)
         if columns:
             jacobian = np.concatenate([jacobian, np.stack(columns, axis=1)], axis=1)
         jacobian = jacobian * sweeps.used[:, None, :]
@@ -130,9 +129,7 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
 
 def _with(sweeps: Sweeps, tracks: Tracks, acting: Simulated, phasor: np.ndarray, constant: np.ndarray) -> np.ndarray:
     """Return the samples of lines of known amplitudes (n, N)."""
-    turning = np.exp(2j * np.pi * tracks.at(sweeps.place)[..., None] * sweeps.time)
-    if acting.shaping:
-        turning = turning * acting.factors(tracks.at(sweeps.place))
+    turning = waves(sweeps, tracks, acting.factors if acting.shaping else None)
     heard = np.matmul(phasor[:, None, :], turning)[:, 0] + constant[:, None]
     return acting.received(heard if sweeps.iq else heard.real)
 
@@ -189,11 +186,4 @@ def curve(s: Scene, candidates: Sequence[Candidate]) -> np.ndarray | None:
 def judged(s: Scene, found: Fitted) -> tuple[Misfit, Misfit]:
     """Return the misfits of the samples fitted and of those held out."""
     acting = simulated(s, found.candidates)
-    own, whole = modelled(s.fitted, found.tracks, acting)
-    parameters = (2.0 if s.material.iq else 1.0) + 2.0 * len(found.tracks)
-    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor)
-    if s.by_sweeps:
-        _, outside = modelled(s.held_out, found.tracks, acting)
-        return inside, of_sweeps(s.held_out, s.held_out.signal - outside, parameters, s.floor)
-    slopes = own.waves * (2j * np.pi * s.fitted.time) * own.phasor[..., None]
-    return inside, of_blocks(s.fitted, own, s.held, slopes if s.material.iq else slopes.real, s.floor, whole)
+    return judged_by(s, lambda sweeps: modelled(sweeps, found.tracks, acting), len(found.tracks))

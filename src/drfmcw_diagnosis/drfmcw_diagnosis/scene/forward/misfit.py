@@ -53,7 +53,7 @@ def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise) -> M
 
 
 def of_blocks(
-    s: Sweeps, found: Solved, held: np.ndarray, slopes: np.ndarray, floor: Noise, whole: np.ndarray | None = None
+    s: Sweeps, found: Solved, held: np.ndarray, slopes: np.ndarray, floor: Noise, whole: np.ndarray
 ) -> Misfit:
     """Return the misfit of samples (N,) that were held out in each sweep.
 
@@ -70,11 +70,16 @@ def of_blocks(
     normal = normal + np.einsum('nk,kl->nkl', 1e-9 * scale + 1e-12, np.eye(normal.shape[1]))
     leverage = np.einsum('nka,nkl,nla->na', asked.conj(), np.linalg.inv(normal).conj(), asked).real
     expected = floor.mean * float(np.sum(1.0 + leverage))
-    left = (s.signal - (found.model if whole is None else whole))[:, held]
+    left = (s.signal - whole)[:, held]
     ratio = float(np.sum(np.abs(left) ** 2)) / expected
     freedom = parts * left.size * floor.evenness / float(np.mean(1.0 + leverage))
     chance = tail(ratio, freedom, floor.freedom)
     return Misfit(ratio, freedom, chance, (('mean square', chance),))
+
+
+def bounded(gain: float) -> float:
+    """Return the largest chance of a gain of the logarithm of the likelihood, the inverse of the likelihood's ratio."""
+    return math.exp(-min(max(gain, 0.0), 690.0))
 
 
 def tail(ratio: float, freedom: float, of_noise: float) -> float:

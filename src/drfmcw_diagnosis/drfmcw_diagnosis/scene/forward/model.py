@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ..material import Material
 from ..noise import Noise, noise
 from .limits import FORWARD
 from .misfit import Misfit, of_blocks, of_sweeps
-from .tracks import Sweeps, Tracks, lines, solve
+from .tracks import Solved, Sweeps, Tracks, lines, slopes, solve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,14 +108,26 @@ def multiples(found: Straight) -> bool:
 
 def judged(s: Scene, tracks: Tracks) -> tuple[Misfit, Misfit]:
     """Return the misfit of lines on the samples fitted and on those held out."""
-    own = solve(s.fitted, tracks)
-    parameters = (2.0 if s.material.iq else 1.0) + 2.0 * len(tracks)
-    inside = of_sweeps(s.fitted, s.fitted.signal - own.model, parameters, s.floor)
+
+    def described(sweeps: Sweeps) -> tuple[Solved, np.ndarray]:
+        found = solve(sweeps, tracks)
+        return found, found.model
+
+    return judged_by(s, described, len(tracks))
+
+
+def judged_by(s: Scene, described: Callable[[Sweeps], tuple[Solved, np.ndarray]], count: int) -> tuple[Misfit, Misfit]:
+    """Return the misfit of so many lines on the samples fitted and on those held out.
+
+    `described` returns the lines of sweeps with their amplitudes, and the samples (n, N) that these make.
+    """
+    own, whole = described(s.fitted)
+    parameters = (2.0 if s.material.iq else 1.0) + 2.0 * count
+    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor)
     if s.by_sweeps:
-        outside = solve(s.held_out, tracks)
-        return inside, of_sweeps(s.held_out, s.held_out.signal - outside.model, parameters, s.floor)
-    slopes = own.waves * (2j * np.pi * s.fitted.time) * own.phasor[..., None]
-    return inside, of_blocks(s.fitted, own, s.held, slopes if s.material.iq else slopes.real, s.floor)
+        _, outside = described(s.held_out)
+        return inside, of_sweeps(s.held_out, s.held_out.signal - outside, parameters, s.floor)
+    return inside, of_blocks(s.fitted, own, s.held, slopes(s.fitted, own), s.floor, whole)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,9 +12,9 @@ from drfmcw_sim.effects import ActsOn, Effect, Of, Recipe
 from ...search.bank import Candidate, recipes
 from .joint import Fitted, curve, fit, judged, modelled, simulated, with_lines
 from .limits import NAMING, WARPS
-from .misfit import Misfit, of_sweeps
+from .misfit import Misfit, bounded, of_sweeps
 from .model import Scene, Straight
-from .tracks import Sweeps, Tracks, lines, solve
+from .tracks import Sweeps, Tracks, lines, slopes, solve
 from .warps import Start, resampled, starting_values, starts
 
 
@@ -65,7 +65,7 @@ def named(found: Straight, accepted: float, without: Collection[str] = ()) -> Na
         order = sorted(judged_ones, key=lambda x: _score(x[2], len(x[0].tracks), s))
         first, inside, outside = order[0]
         gain = 0.5 * (_score(misfit, extra, s) - _score(outside, len(first.tracks), s))
-        chance = min(1.0, len(chosen) * math.exp(-min(max(gain, 0.0), 690.0)))
+        chance = min(1.0, len(chosen) * bounded(gain))
         excess = max(misfit.per_freedom - 1.0, 0.0)
         halved = outside.per_freedom - 1.0 < NAMING.halved * excess or outside.probability > accepted
         passing = outside.probability >= accepted
@@ -237,8 +237,7 @@ def _template(s: Scene, some: Sweeps, plain: Fitted, name: str, recipe: Recipe) 
     kind = Effect.registry[name]
     own, whole = modelled(some, plain.tracks, simulated(s, plain.candidates))
     left = (some.signal - whole) * some.used
-    slopes = own.waves * (2j * np.pi * some.time) * own.phasor[..., None]
-    columns = np.concatenate([own.design, (slopes if some.iq else slopes.real) * some.used[:, None, :]], axis=1)
+    columns = np.concatenate([own.design, slopes(some, own) * some.used[:, None, :]], axis=1)
     normal = np.matmul(columns.conj(), columns.swapaxes(1, 2))
     scale = np.einsum('nkk->nk', normal).real
     inverse = np.linalg.inv(normal + np.einsum('nk,kl->nkl', 1e-9 * scale + 1e-12, np.eye(normal.shape[1])))

@@ -11,7 +11,7 @@ from ..material import Material
 from ..rails import Limit
 from ..ramps.ramp import Ramp
 from .limits import FORWARD
-from .misfit import tail
+from .misfit import bounded, tail
 from .model import Straight, scattered, scene, straight
 from .naming import Named
 
@@ -45,7 +45,7 @@ def of_bursts(m: Material, found: Bursts, accepted: float) -> Outcome | None:
         return None
     fitted = straight(held)
     scatter = scattered(fitted)
-    if scatter.above < BURSTS.above or math.exp(-min(scatter.gain, 690.0)) > accepted:
+    if scatter.above < BURSTS.above or bounded(scatter.gain) > accepted:
         return None
     inside = BeforeAfter(fitted.fitted.per_freedom, fitted.fitted.per_freedom)
     fit = Fit(inside, BeforeAfter(scatter.before, scatter.after))

@@ -98,6 +98,12 @@ def solve(s: Sweeps, tracks: Tracks, shaping: Shaping | None = None, signal: np.
     return Solved(phasor, weights[:, 0], model, own, design, inverse)
 
 
+def slopes(s: Sweeps, found: Solved) -> np.ndarray:
+    """Return by how much the samples change with the frequency of each line (n, L, N) [LSB samples]."""
+    change: np.ndarray = found.waves * (2j * np.pi * s.time) * found.phasor[..., None]
+    return change if s.iq else change.real
+
+
 def refined(s: Sweeps, tracks: Tracks, rounds: int) -> Tracks:
     """Return lines with all frequencies fitted together (Gauss and Newton, amplitudes projected out)."""
     if not len(tracks):
@@ -108,10 +114,9 @@ def refined(s: Sweeps, tracks: Tracks, rounds: int) -> Tracks:
     found = solve(s, tracks)
     cost = _cost(s, found)
     for _ in range(rounds):
-        slopes = found.waves * (2j * np.pi * s.time) * found.phasor[..., None]
-        slopes = (slopes if s.iq else slopes.real) * s.used[:, None, :]
-        across = np.matmul(slopes, found.design.conj().swapaxes(1, 2))
-        beside = slopes - np.matmul(np.matmul(across, found.inverse), found.design)
+        moved = slopes(s, found) * s.used[:, None, :]
+        across = np.matmul(moved, found.design.conj().swapaxes(1, 2))
+        beside = moved - np.matmul(np.matmul(across, found.inverse), found.design)
         left = (s.signal - found.model) * s.used
         gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
         normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
