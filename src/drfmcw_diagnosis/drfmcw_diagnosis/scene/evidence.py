@@ -219,6 +219,16 @@ def of_lines(s: Scene, tracks: Tracks) -> Evidence:
     return Evidence((), (), (text,), (), {'lines': figures})
 
 
+def of_moving(static: Straight, alone: Straight) -> Evidence:
+    """Say what lines leave where all that repeats with the ramp was taken away."""
+    text = (
+        f'{len(static.tracks)} lines leave {static.held_out.per_freedom:.3g} times the noise of what was held out. '
+        f'Without what repeats with the ramp, as the sweeps fitted show it, {len(alone.tracks)} lines that move leave '
+        f'{alone.held_out.per_freedom:.3g} times.'
+    )
+    return Evidence((), (), (text,))
+
+
 def of_multiples() -> Evidence:
     """Say what lines at multiples of the strongest one may be."""
     said = (

@@ -24,6 +24,7 @@ from .evidence import (
     of_image,
     of_limit,
     of_lines,
+    of_moving,
     of_multiples,
     of_named,
     of_ramp,
@@ -31,8 +32,8 @@ from .evidence import (
     shown_by,
 )
 from .forward import outcome
-from .forward.limits import NAMING
-from .forward.model import Straight, multiples, scene, straight
+from .forward.limits import FORWARD, NAMING
+from .forward.model import Straight, moving, multiples, scene, straight
 from .forward.naming import Named, named, searched
 from .images import Image, image
 from .images import measured as measured_image
@@ -94,17 +95,17 @@ def examine(
     if imaged is not None:
         found.append(of_image(imaged, m))
     lines = scene(m) if result is None else None
-    alone = straight(lines) if lines is not None else None
+    alone = static = straight(lines) if lines is not None else None
     effects = None
-    if alone is not None and not (bent is not None and any(bent.narrower)):
-        failing = alone.held_out.probability < false_alarm_rate
+    if static is not None and not (bent is not None and any(bent.narrower)):
+        failing = static.held_out.probability < false_alarm_rate
         if single:  # lines beside the one may be what an effect does to it
             bends = bent is not None and bent.bends
-            asked = bends or alone.held_out.per_freedom > JUDGE.strong or (not failing and len(alone.tracks) > 1)
+            asked = bends or static.held_out.per_freedom > JUDGE.strong or (not failing and len(static.tracks) > 1)
         else:
-            asked = failing or len(alone.tracks) > NAMING.lines
+            asked = failing or len(static.tracks) > NAMING.lines
         if asked and (imaged is None or not single):
-            effects = named(alone, accepted, without)
+            alone, effects = _named(static, failing and not single, accepted, without)
             if effects is not None and single and effects.outside.probability < false_alarm_rate:
                 effects = None
     if effects is not None and alone is not None:
@@ -119,7 +120,7 @@ def examine(
         found.append(of_multiples())
     elif (single or at_zero) and not any(e.effects for e in found):
         return None
-    found += _of_scene(None if single or bent is not None else alone, effects)
+    found += _of_scene(None if single or bent is not None else static, alone, effects)
     repeated = None if single else background(m)
     if repeated is not None:
         found.append(_kept(of_background(repeated, track(m), m), without))
@@ -129,11 +130,31 @@ def examine(
     return _diagnosis(data, m, found, result, bent, repeated, effects, false_alarm_rate, out, command)
 
 
-def _of_scene(alone: Straight | None, effects: Named | None) -> list[Evidence]:
+def _named(static: Straight, crowded: bool, accepted: float, without: Collection[str]) -> tuple[Straight, Named | None]:
+    """Return the lines that describe the sweeps best, and effects on them.
+
+    Where the lines of a `crowded` scene leave more than noise, those that move are looked at first, beside all that
+    repeats with the ramp.
+    """
+    rest = moving(static.scene) if crowded else None
+    alone = straight(rest) if rest is not None else static
+    if rest is not None and len(alone.tracks) and alone.held_out.per_freedom < static.held_out.per_freedom:
+        effects = named(alone, accepted, without)
+        if effects is not None or len(static.tracks) == FORWARD.most:
+            return alone, effects
+    else:
+        alone = static
+    effects = named(static, accepted, without)
+    return (static if effects is not None else alone), effects
+
+
+def _of_scene(static: Straight | None, alone: Straight | None, effects: Named | None) -> list[Evidence]:
     """Return what the lines of a scene say, nothing where there is none."""
-    if alone is None:
+    if static is None or alone is None:
         return []
-    return [of_lines(alone.scene, alone.tracks if effects is None else effects.fitted.tracks)]
+    if alone.scene.moving:
+        return [of_lines(static.scene, static.tracks), of_moving(static, alone)]
+    return [of_lines(static.scene, static.tracks if effects is None else effects.fitted.tracks)]
 
 
 def own_image(data: Dataset) -> Image | None:

@@ -23,6 +23,7 @@ _WORSE = 1.5  # misfit by another recording's shape over that with the right set
 _STANDARD_DEVIATIONS = 4.0  # within which a size must come out
 _SWEEPS = 96  # of a recording to which effects are added: half a minute for each
 _RELATIVE = 0.1  # or within which share of it: what the lines leave biases it
+_CELLS = 2.0  # from 0 Hz at which the line stands whose copy must come out, at least
 _DECIBEL = 3.0  # within which the level of a copied line must come out: neighbours beat with it
 _OF_LINES = frozenset({'sweep_ripple', 'echo'})  # shown by lines, which are not searched for beside
 _HIDING = frozenset({'interference_burst', 'sweep_shape'})  # these
@@ -215,9 +216,12 @@ def _lines_of_it(
     text = ', '.join(sorted(effects)) or 'nothing'
     if not known or not lines_:
         return 'missed', text
-    strongest = max(known, key=lambda x: x['level'])
-    path, level = strongest['path'] + size['path'], strongest['level'] + size['level']
     cell = float(lines_[0]['cell'])
+    # what stands next to 0 Hz has no image that could be taken away before it is moved
+    strongest = max((x for x in known if abs(x['path']) > _CELLS * cell), key=lambda x: x['level'], default=None)
+    if strongest is None:
+        return 'missed', text
+    path, level = strongest['path'] + size['path'], strongest['level'] + size['level']
     near = [x for x in lines_ if abs(x['path'] - path) < cell]
     if not near:
         return 'missed', text

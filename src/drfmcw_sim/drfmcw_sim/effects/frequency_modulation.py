@@ -38,7 +38,7 @@ class FrequencyModulation(Effect, name='frequency_modulation', of=Of.STATION):
         ),
     )
 
-    deviation: float = parameter(unit='Hz', bounds=(-1e8, 1e8), description='peak of the frequency error')
+    deviation: float = parameter(unit='Hz', bounds=(-1e9, 1e9), description='peak of the frequency error')
     rate: float = parameter(unit='Hz', bounds=(1e-3, 1e9), description='frequency of the sine')
 
     def in_one_sweep(self, turn: float) -> Effect:

@@ -25,7 +25,7 @@ class SweepCurvature(Effect, name='sweep_curvature', of=Of.STATION):
 
     deviation: float = parameter(
         unit='Hz',
-        bounds=(-1e8, 1e8),
+        bounds=(-1e9, 1e9),
         description='frequency error at mid-sweep, against a straight ramp between the ends',
     )
 

@@ -35,7 +35,7 @@ class SweepRipple(Effect, name='sweep_ripple', of=Of.STATION):
         ),
     )
 
-    deviation: float = parameter(unit='Hz', bounds=(-1e8, 1e8), description='peak of the frequency error')
+    deviation: float = parameter(unit='Hz', bounds=(-1e9, 1e9), description='peak of the frequency error')
     rate: float = parameter(unit='Hz', bounds=(1.0, 1e9), description='frequency of the sine')
     phase: float = parameter(
         0.0, unit='rad', bounds=(-10.0, 10.0), description='phase of the sine at the start of the ramp'

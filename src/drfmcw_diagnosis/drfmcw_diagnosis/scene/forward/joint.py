@@ -1,7 +1,7 @@
 """Effects fitted together with the lines on which they act."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -67,33 +67,26 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
         cost = float(np.sum(np.abs((sweeps.signal - whole)[sweeps.used]) ** 2))
         return (cost, found, whole) if np.isfinite(cost) else None
 
-    bounds = [_bounds(candidates[i], name) for i, name in names]
+    bounds = [bounds_of(s, candidates[i], name) for i, name in names]
     low, high = (np.array([x[k] for x in bounds]) for k in (0, 1))
     first = attempt(point, tracks)
     if first is None:
         return Fitted(tracks, tuple(candidates), np.inf)
     cost, found, whole = first
+    steps = [candidates[i].recipe.step(name, x) * FORWARD.gentle for (i, name), x in zip(names, point, strict=True)]
     damping, covariance = FORWARD.damping, np.zeros((len(names), len(names)))
     lines = len(tracks)
     for _ in range(rounds):
-        columns = []
-        fixed = found.phasor, found.constant
-        for k, (i, name) in enumerate(names):
-            step = candidates[i].recipe.step(name, point[k]) * FORWARD.gentle
-            step = step if point[k] + step <= high[k] else -step
-            moved = point.copy()
-            moved[k] += step
-            columns.append((_with(sweeps, tracks, simulated(s, with_values(moved)), *fixed) - whole) / step)
+        at, solved = tracks, found
+
+        def made(values: np.ndarray, at: Tracks = at, solved: Solved = solved) -> np.ndarray:
+            return heard_by(sweeps, at, simulated(s, with_values(values)), solved.phasor, solved.constant)
+
+        columns = [_derivative(made, whole, point, k, steps, bounds[k]) for k in range(len(names))]
         jacobian = slopes(sweeps, found)
         if columns:
             jacobian = np.concatenate([jacobian, np.stack(columns, axis=1)], axis=1)
-        jacobian = jacobian * sweeps.used[:, None, :]
-        across = np.matmul(jacobian, found.design.conj().swapaxes(1, 2))
-        beside = jacobian - np.matmul(np.matmul(across, found.inverse), found.design)
-        left = (sweeps.signal - whole) * sweeps.used
-        gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
-        normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
-        full, right = _assembled(normal, gradient, b, lines)
+        full, right = assembled(sweeps, found, whole, jacobian, b, lines)
         scale = np.sqrt(np.maximum(np.diag(full), 1e-30))
         scaled = full / np.outer(scale, scale)
         improved = False
@@ -127,15 +120,59 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
     return Fitted(tracks, tuple(with_values(point)), misfit, tuple(std))
 
 
-def _with(sweeps: Sweeps, tracks: Tracks, acting: Simulated, phasor: np.ndarray, constant: np.ndarray) -> np.ndarray:
+def _derivative(
+    made: Callable[[np.ndarray], np.ndarray],
+    whole: np.ndarray,
+    point: np.ndarray,
+    number: int,
+    steps: list[float],
+    bounds: tuple[float, float],
+) -> np.ndarray:
+    """Return by how much the samples `whole` (n, N) that are `made` at a point change with one of its parameters.
+
+    Its step grows until the change stands out of the simulation's rounding, and is kept.
+    """
+    low, high = bounds
+    least = FORWARD.seen * float(np.sqrt(np.sum(np.abs(whole) ** 2)))
+    while True:
+        step = steps[number] if point[number] + steps[number] <= high else -steps[number]
+        moved = point.copy()
+        moved[number] += step
+        change = made(moved) - whole
+        wider = 10.0 * steps[number]
+        inside = low < point[number] - wider and point[number] + wider < high
+        if not inside or float(np.sqrt(np.sum(np.abs(change) ** 2))) > least:
+            result: np.ndarray = change / step
+            return result
+        steps[number] = wider
+
+
+def heard_by(sweeps: Sweeps, tracks: Tracks, acting: Simulated, phasor: np.ndarray, constant: np.ndarray) -> np.ndarray:
     """Return the samples of lines of known amplitudes (n, N)."""
     turning = waves(sweeps, tracks, acting.factors if acting.shaping else None)
     heard = np.matmul(phasor[:, None, :], turning)[:, 0] + constant[:, None]
     return acting.received(heard if sweeps.iq else heard.real)
 
 
-def _assembled(normal: np.ndarray, gradient: np.ndarray, b: np.ndarray, lines: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return normal matrix and right side for tracks and parameters, of those of each sweep."""
+def assembled(
+    sweeps: Sweeps, found: Solved, whole: np.ndarray, jacobian: np.ndarray, b: np.ndarray, lines: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal matrix and right side for tracks and further parameters, amplitudes projected out.
+
+    Args:
+        sweeps: n sweeps.
+        found: their lines with amplitudes.
+        whole: what the receiver makes of these (n, N) [LSB].
+        jacobian: change of the samples with the frequencies and with the further parameters (n, lines + K, N).
+        b: Legendre polynomials of the tracks at the sweeps (n, order).
+        lines: number of lines.
+    """
+    jacobian = jacobian * sweeps.used[:, None, :]
+    across = np.matmul(jacobian, found.design.conj().swapaxes(1, 2))
+    beside = jacobian - np.matmul(np.matmul(across, found.inverse), found.design)
+    left = (sweeps.signal - whole) * sweeps.used
+    gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
+    normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
     order, count = b.shape[1], normal.shape[1] - lines
     tt = np.einsum('na,nb,nlm->lamb', b, b, normal[:, :lines, :lines]).reshape(order * lines, order * lines)
     tp = np.einsum('na,nlm->lam', b, normal[:, :lines, lines:]).reshape(order * lines, count)
@@ -145,11 +182,14 @@ def _assembled(normal: np.ndarray, gradient: np.ndarray, b: np.ndarray, lines: i
     return full, right
 
 
-def _bounds(candidate: Candidate, name: str) -> tuple[float, float]:
-    """Return the declared bounds of a parameter, those of its recipe where narrower."""
+def bounds_of(s: Scene, candidate: Candidate, name: str) -> tuple[float, float]:
+    """Return the declared bounds of a parameter, those of its recipe and of what samples resolve where narrower."""
     base = name.partition('[')[0]
-    low, high = declared_parameters(candidate.kind)[base][1].bounds or (-np.inf, np.inf)
+    declared = declared_parameters(candidate.kind)[base][1]
+    low, high = declared.bounds or (-np.inf, np.inf)
     own = candidate.recipe.limits.get(base, (low, high))
+    if declared.unit == 'Hz' and base != candidate.recipe.size:
+        high = min(high, 0.5 * s.material.rate)
     return max(low, own[0]), min(high, own[1])
 
 

@@ -82,6 +82,10 @@ class ForwardLimits:
     gentle: float = 0.1
     """Step of a numerical derivative over that of the effect's recipe [1]; chosen: lines are known better."""
 
+    seen: float = 1e-4
+    """Relative change of the samples from which on a step shows a derivative [1]; derived: samples are simulated with
+    a relative error of 1e-7."""
+
     trials: int = 6
     """Steps tried in each iteration; chosen."""
 
@@ -185,6 +189,20 @@ class NamingLimits:
     halved: float = 0.5
     """Share of the excess misfit that an effect must take away [1]; chosen: shapes which only sharpen what is not
     understood take away less."""
+
+    clear: float = 5.0
+    """Signal-to-noise ratio of the size of an effect that all lines but one show, above which it is tested whether
+    they agree [1]; chosen."""
+
+    uneven: float = 0.05
+    """Share of the squared sizes that may be scatter from line to line [1]; chosen on real radars to which ripples
+    were added: of true ones 0.0002 to 0.02, of most false ones 0.2 to 1."""
+
+    ridge: float = 1e-9
+    """Relative ridge of the sizes of lines at one frequency [1]; chosen."""
+
+    edge: float = 1e-3
+    """Relative distance from a bound within which a fit ended there [1]; chosen."""
 
     rival: float = 7.0
     """Logarithm of the likelihood by which another explanation may be worse and still be listed; derived: 1 of 1000."""

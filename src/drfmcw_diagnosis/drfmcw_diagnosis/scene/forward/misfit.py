@@ -21,7 +21,7 @@ class Misfit:
     tests: tuple[tuple[str, float], ...]  # what was tested, and the chance of each
 
 
-def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise) -> Misfit:
+def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise, learnt: int = 0) -> Misfit:
     """Return the misfit of whole sweeps, whose amplitudes were fitted with so many parameters per sweep.
 
     Tested are the mean square, the mean square of what is the same in all sweeps, and the strongest frequency.
@@ -31,20 +31,26 @@ def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise) -> M
         left: what the model leaves (n, N) [LSB].
         parameters: real numbers fitted in each sweep.
         floor: noise.
+        learnt: number of other sweeps whose mean was taken away from these; negative where these are those sweeps.
     """
     count, length = left.shape
     parts = 2.0 if s.iq else 1.0
-    numbers = max(parts * float(s.used.sum()) - parameters * count, 1.0)
-    each = floor.mean / parts
+    own = learnt < 0
+    of_mean = 1.0 / abs(learnt) if learnt else 0.0  # variance of that mean over the noise's
+    numbers = max((parts * float(s.used.sum()) - parameters * count) * (1.0 - of_mean if own else 1.0), 1.0)
+    each = floor.mean / parts * (1.0 if own else 1.0 + of_mean)
     ratio = float(np.sum(np.abs(left[s.used]) ** 2)) / each / numbers
     freedom = numbers * floor.evenness
     tests = [('mean square', tail(ratio, freedom, floor.freedom))]
     if s.used.all():
-        mean = math.sqrt(count) * left.mean(axis=0)
-        repeated = max(parts * length - parameters, 1.0)
-        own = float(np.sum(np.abs(mean) ** 2)) / each / repeated
-        tests.append(('what repeats', tail(own, repeated * floor.evenness, floor.freedom)))
-        spectrum = np.sum(np.abs(np.fft.fft(left, axis=1)) ** 2, axis=0) / (length * floor.power)
+        if not own:
+            mean = math.sqrt(count) * left.mean(axis=0)
+            repeated = max(parts * length - parameters, 1.0)
+            noise = floor.mean / parts * (1.0 + count * of_mean)
+            same = float(np.sum(np.abs(mean) ** 2)) / noise / repeated
+            tests.append(('what repeats', tail(same, repeated * floor.evenness, floor.freedom)))
+        usual = length * floor.power * (1.0 if own else 1.0 + of_mean)
+        spectrum = np.sum(np.abs(np.fft.fft(left, axis=1)) ** 2, axis=0) / usual
         half = spectrum if s.iq else spectrum[1 : length // 2]
         strongest = float(half.max()) if half.size else 0.0
         tests.append(('one frequency', min(1.0, float(gammaincc(count, strongest)) * half.size)))

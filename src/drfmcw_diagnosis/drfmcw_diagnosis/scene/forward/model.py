@@ -24,6 +24,7 @@ class Scene:
     held: np.ndarray  # (N,) samples held out, where sweeps are too few to hold any out
     floor: Noise
     first: int  # sample of the recorded sweeps at which these begin
+    moving: bool = False  # what repeats with the ramp was taken away as the mean of the sweeps fitted
 
     @property
     def by_sweeps(self) -> bool:
@@ -70,6 +71,19 @@ def scene(m: Material, unusable: np.ndarray | None = None) -> Scene | None:
     length = max(1, (last - first) // FORWARD.blocks)
     held = np.arange(last - first) // length % SHAPE.every == SHAPE.every // 2
     return Scene(m, Sweeps(signal, place, used & ~held), whole, held, floor, first)
+
+
+def moving(s: Scene) -> Scene | None:
+    """Return the sweeps without what repeats with the ramp, None where too few sweeps are fitted to learn that.
+
+    At rest, targets of any number, leakage and settling together may have any waveform. What is linear does to the
+    lines that are left what it does to all.
+    """
+    if not s.by_sweeps or len(s.fitted.place) < NOISE.doppler or not s.fitted.used.all():
+        return None
+    still = s.fitted.signal.mean(axis=0)
+    parts = (dataclasses.replace(x, signal=x.signal - still) for x in (s.fitted, s.held_out))
+    return dataclasses.replace(s, fitted=next(parts), held_out=next(parts), moving=True)
 
 
 def _span(m: Material) -> tuple[int, int]:
@@ -123,10 +137,11 @@ def judged_by(s: Scene, described: Callable[[Sweeps], tuple[Solved, np.ndarray]]
     """
     own, whole = described(s.fitted)
     parameters = (2.0 if s.material.iq else 1.0) + 2.0 * count
-    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor)
+    learnt = len(s.fitted.place) if s.moving else 0
+    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor, -learnt)
     if s.by_sweeps:
         _, outside = described(s.held_out)
-        return inside, of_sweeps(s.held_out, s.held_out.signal - outside, parameters, s.floor)
+        return inside, of_sweeps(s.held_out, s.held_out.signal - outside, parameters, s.floor, learnt)
     return inside, of_blocks(s.fitted, own, s.held, slopes(s.fitted, own), s.floor, whole)
 
 

@@ -7,10 +7,12 @@ from collections.abc import Collection
 import numpy as np
 from scipy.interpolate import BSpline
 
+from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import ActsOn, Effect, Of, Recipe
 
 from ...search.bank import Candidate, recipes
-from .joint import Fitted, curve, fit, judged, modelled, simulated, with_lines
+from .agreement import agreement
+from .joint import Fitted, bounds_of, curve, fit, heard_by, judged, modelled, simulated, with_lines
 from .limits import NAMING, WARPS
 from .misfit import Misfit, bounded, of_sweeps
 from .model import Scene, Straight
@@ -49,9 +51,9 @@ def named(found: Straight, accepted: float, without: Collection[str] = ()) -> Na
     """Return the effects that the sweeps demand, None where none is beyond chance.
 
     Kinds are compared on some of the sweeps that are fitted; the best ones are fitted to all of them and tried on what
-    is held out. What they leave there must have half of the excess misfit and less, and a likelihood above that of
-    lines alone by more than chance: the inverse of the likelihood's ratio bounds it, once for each kind that was tried
-    there.
+    is held out. There they must have a likelihood above that of lines alone by more than chance: the inverse of the
+    likelihood's ratio bounds it, once for each kind that was tried there. What bends the ramp must have one size by
+    all lines; what has not several lines to show that, and a free curve, must leave half of the excess misfit and less.
     """
     s = found.scene
     best: Named | None = None
@@ -63,17 +65,19 @@ def named(found: Straight, accepted: float, without: Collection[str] = ()) -> Na
             break
         judged_ones = [(x, *judged(s, x)) for x in chosen]
         order = sorted(judged_ones, key=lambda x: _score(x[2], len(x[0].tracks), s))
-        first, inside, outside = order[0]
+        standing = [x for x in order if _stands(s, x[0], x[2], misfit, accepted)]
+        standing.sort(key=lambda x: x[2].probability < accepted)  # what leaves noise alone comes first
+        if not standing:
+            break
+        first, inside, outside = standing[0]
         gain = 0.5 * (_score(misfit, extra, s) - _score(outside, len(first.tracks), s))
         chance = min(1.0, len(chosen) * bounded(gain))
-        excess = max(misfit.per_freedom - 1.0, 0.0)
-        halved = outside.per_freedom - 1.0 < NAMING.halved * excess or outside.probability > accepted
         passing = outside.probability >= accepted
-        if chance >= accepted or not halved or (best is not None and not passing):
+        if chance >= accepted or (best is not None and not passing):
             break
         worse = [
             (x, 0.5 * (_score(other, len(x.tracks), s) - _score(outside, len(first.tracks), s)))
-            for x, _, other in order[1:]
+            for x, _, other in standing[1:]
         ]
         rivals = tuple((x, loss) for x, loss in worse if loss < NAMING.rival and _free(x) <= _free(first))
         gains = (*(best.gains if best else ()), gain)
@@ -82,6 +86,29 @@ def named(found: Straight, accepted: float, without: Collection[str] = ()) -> Na
         if passing:
             break
     return best
+
+
+def _stands(s: Scene, x: Fitted, outside: Misfit, before: Misfit, accepted: float) -> bool:
+    """Return whether an effect stands by itself, whatever else the sweeps hold."""
+    if any(_at_bound(s, x.candidates[-1], name) for name in x.candidates[-1].free):
+        return False
+    excess = max(before.per_freedom - 1.0, 0.0)
+    halved = outside.per_freedom - 1.0 < NAMING.halved * excess
+    sizes = agreement(s, x)
+    if sizes is not None and (sizes.testable or s.moving):
+        free_curve = bool(x.candidates[-1].recipe.coefficients) and s.moving
+        return sizes.agrees and (halved or not free_curve)
+    return halved or (outside.probability >= accepted and not s.moving)
+
+
+def _at_bound(s: Scene, candidate: Candidate, name: str) -> bool:
+    """Return whether a fit ended where a parameter may not go further; angles go round."""
+    if declared_parameters(candidate.kind)[name.partition('[')[0]][1].unit == 'rad':
+        return False
+    low, high = bounds_of(s, candidate, name)
+    value = candidate.values[name]
+    near = NAMING.edge * abs(value)
+    return not low + near < value < high - near
 
 
 def _halved(x: Fitted, plain: Fitted) -> bool:
@@ -191,7 +218,7 @@ def _candidates(s: Scene, some: Sweeps, plain: Fitted, bends: list[Start], witho
     few = _strong(s, some, plain)
     for name, recipe in recipes(without):
         kind = Effect.registry[name]
-        if not _tried(kind, recipe):
+        if not _tried(kind, recipe) or (s.moving and kind.distorts):  # what is not linear acts on what is at rest, too
             continue
         if recipe.coefficients:
             found += [_spline(s, name, recipe, n, bends) for n in recipe.coefficients[: NAMING.curves]]
@@ -256,9 +283,7 @@ def _template(s: Scene, some: Sweeps, plain: Fitted, name: str, recipe: Recipe) 
         start.setdefault(size, recipe.steps.get(size, 0.01))
         candidate = Candidate(name, s.material.station, recipe, start)
         acting = simulated(s, (*plain.candidates, candidate))
-        lines_ = own.waves if not acting.shaping else own.waves * acting.factors(plain.tracks.at(some.place))
-        heard = np.matmul(own.phasor[:, None, :], lines_)[:, 0] + own.constant[:, None]
-        template = beside(acting.received(heard if some.iq else heard.real) - whole)
+        template = beside(heard_by(some, plain.tracks, acting, own.phasor, own.constant) - whole)
         power = float(np.sum(np.abs(template) ** 2))
         if not power > 0.0:
             continue
