@@ -3,6 +3,7 @@
 import asyncio
 import math
 import os
+import shutil
 import signal
 import socket
 import struct
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
+from other_controller import answer, ask, certified, float32, started
 from ports import free_port
 from sensor_msgs.msg import JointState
 from test_graph import LIMIT, STANDING, scenario_file, site
@@ -117,6 +119,42 @@ def test_controllers_see_fusion_work_die_and_come_back(tmp_path):
         live.wait(lambda: state() == Quality.VALID, 'valid ranges again')
         assert block(ports['modbus_port'])[1] > counter
         live.wait(lambda: live.log('follower').count('drive: the range is valid') == 2, 'the follower to drive again')
+
+
+def test_controllers_of_another_make_see_fusion_work_and_die(tmp_path):
+    """open62541's client, encrypted, and pyModbusTCP's, each a process of its own beside a gateway that is one too."""
+    from drfmcw_gateway.certificates import make_certificate
+
+    trusted, key = make_certificate(tmp_path / 'server', 'gateway')
+    own, _ = make_certificate(tmp_path / 'own', 'controller')
+    shutil.copy(own, tmp_path)  # its key stays where it is
+    files = {'certificate': str(trusted), 'key': str(key), 'clients': str(tmp_path)}
+    ports = {'modbus_port': free_port(), 'opcua_port': free_port()}
+    path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.05})
+    url = f'opc.tcp://127.0.0.1:{ports["opcua_port"]}/drfmcw/'
+    block_of_pair = {'port': ports['modbus_port'], 'read': [[BLOCK, 12]], 'seconds': LIMIT}
+    good, silent = 0x00000000, 0x80310000  # Good, BadNoCommunication (OPC 10000-6, A.2)
+    with site(tmp_path) as live:
+        settings = {**ports, **files, 'timeout': 1.0, 'age_limit': 20.0, 'lost_time': 3.0}
+        live.graph.start('gateway', GATEWAY, *parameters(settings))
+        wait_for_gateway(live, ports['modbus_port'])
+        live.start(path, {})
+        ((quality, *words),) = ask('pyModbusTCP', **block_of_pair, until=int(Quality.VALID))['blocks']
+        metres, std = float32(words[AT['range'] - 1 :][:2]), float32(words[AT['range_std'] - 1 :][:2])
+        assert quality & STATES == Quality.VALID
+        assert metres == pytest.approx(DISTANCE, abs=5.0 * std)  # P(false failure) < 1e-6
+        assert set(ask('o6', url=url)) == {'refused'}
+        secure = certified(own.parent, trusted)
+        watching = started('o6', url=url, **secure, watch='master/slave/range', until=silent, seconds=2 * LIMIT)
+        live.wait(lambda: live.value('/gateway: OPC UA', 'clients') == '1', 'a session')
+        live.diagnostics.clear()
+        live.wait(lambda: live.value('/gateway: OPC UA', 'clients') == '1', 'a second of it')
+        os.kill(live.graph.members['fusion'].process.pid, signal.SIGKILL)
+        seen = answer(watching)['seen']
+        assert seen[-1] == [None, silent]
+        assert next(value for value, status in seen if status == good) == pytest.approx(DISTANCE, abs=5.0 * std)
+        ((quality, *_),) = ask('pyModbusTCP', **block_of_pair, until=int(Quality.STALE))['blocks']
+        assert quality & STATES == Quality.STALE
 
 
 def test_follower_stops_when_fusion_hangs_or_is_deactivated(tmp_path):

@@ -8,6 +8,7 @@ import struct
 import time
 
 import pytest
+from other_controller import answer, ask, certified, float32, started
 from ports import free_port
 
 pytest.importorskip('asyncua')
@@ -23,6 +24,7 @@ from drfmcw_gateway.gateway import main
 from drfmcw_gateway.quantities import (
     BLOCK,
     GATEWAY_QUANTITIES,
+    GATEWAY_REGISTERS,
     NOT_A_NUMBER,
     PAIR_QUANTITIES,
     PAIR_REGISTERS,
@@ -414,6 +416,66 @@ def test_heartbeat_advances_and_silent_controller_shows_in_the_quality(site):
         beats.append(raw_request(site.settings.modbus_port, 1, 4, 2, 1))
 
 
+# --- clients of another make, in processes of their own ---
+
+REFUSED_WRITES = {ua.StatusCodes.BadUserAccessDenied, ua.StatusCodes.BadNotWritable}
+
+
+def attended(site, process, **values):
+    """What a client found while ranges came 50 times a second."""
+    while process.poll() is None:
+        site.give(**values)
+        time.sleep(0.02)
+    return answer(process)
+
+
+def test_open62541_reads_values_and_status_and_writes_the_heartbeat_only(site):
+    names = ['a/b/range', 'a/b/range_std', 'a/b/quality', 'a/c/range', 'a/c/quality', 'gateway/pairs']
+    heartbeat = 'gateway/controller_heartbeat'
+    orders = [(heartbeat, 'UInt16', 4321), ('a/b/range', 'Double', 1.0), ('gateway/heartbeat', 'UInt16', 1)]
+    found = attended(site, started('o6', url=site.url, read=names, write=orders), range=321.5)
+    good = ua.StatusCodes.Good
+    assert found['read'] == {
+        'a/b/range': [321.5, good],
+        'a/b/range_std': [GOOD.range_std, good],
+        'a/b/quality': [float(Quality.VALID), good],
+        'a/c/range': [None, ua.StatusCodes.BadWaitingForInitialData],
+        'a/c/quality': [float(Quality.NO_RANGE), good],
+        'gateway/pairs': [2.0, good],
+    }
+    assert found['written'].pop(heartbeat) == good and site.board.controller.value == 4321
+    assert set(found['written'].values()) <= REFUSED_WRITES
+
+
+def test_open62541_subscription_gets_ranges_and_then_silence(site):
+    process = started('o6', url=site.url, watch='a/b/range', until=ua.StatusCodes.BadNoCommunication, seconds=LIMIT)
+    metres, end = 0.0, time.monotonic() + LIMIT
+    while metres < 50.0:  # a second of ranges after it has connected
+        assert time.monotonic() < end and process.poll() is None
+        metres += 1.0 if site.servers.opcua.sessions else 0.0
+        site.give(range=metres)
+        time.sleep(0.02)
+    seen = answer(process)['seen']
+    good = [value for value, status in seen if status == ua.StatusCodes.Good]
+    assert good[-1] == metres and len(good) >= 10 and good == sorted(good)
+    assert [status for _, status in seen[-2:]] == [
+        ua.StatusCodes.UncertainLastUsableValue, ua.StatusCodes.BadNoCommunication,
+    ]  # fmt: skip
+    assert [value for value, _ in seen[-2:]] == [metres, None]
+
+
+def test_pymodbustcp_reads_blocks_and_silence(site):
+    order = {'port': site.settings.modbus_port, 'read': [[0, GATEWAY_REGISTERS], [BLOCK, PAIR_REGISTERS]]}
+    found = attended(site, started('pyModbusTCP', **order, write=777), range=-0.15625)
+    own, words = found['blocks']
+    assert own[1] == 2 and found['written'] is True and found['holding'] == [777]
+    assert site.board.controller.value == 777
+    assert found['refused'] == [None, 2]  # illegal data address
+    assert words[0] == Quality.VALID and float32(words[AT['range'] : AT['range'] + 2]) == -0.15625
+    _, words = ask('pyModbusTCP', **order, until=int(Quality.STALE), seconds=LIMIT)['blocks']
+    assert words[0] & STATES == Quality.STALE and math.isnan(float32(words[AT['range'] : AT['range'] + 2]))
+
+
 # --- certificates ---
 
 
@@ -465,6 +527,21 @@ def test_only_known_clients_connect_and_only_encrypted(certificates):
         for stranger in ('stranger', None):
             with pytest.raises((ua.UaError, ConnectionError, TimeoutError, asyncio.TimeoutError)):
                 asyncio.run(asyncio.wait_for(connected(site.url, certificates, stranger), LIMIT))
+
+
+def test_open62541_connects_encrypted_with_a_known_certificate_only(certificates):
+    """A known one, a stranger's, and none: the same files and the same server as with asyncua's client."""
+    with Site(modbus=False, **secured(certificates)) as site:
+        site.give(range=200.0)
+        trusted = certificates / 'server' / 'certificate.der'
+
+        def connected_by(who):
+            secure = certified(certificates / who, trusted) if who else {}
+            return ask('o6', url=site.url, read=['a/b/counter'], **secure)
+
+        assert connected_by('client')['read']['a/b/counter'] == [1.0, ua.StatusCodes.Good]
+        assert connected_by('stranger') == {'refused': ua.StatusCodes.BadCertificateUntrusted}
+        assert set(connected_by(None)) == {'refused'}
 
 
 def test_network_address_needs_certificates():
