@@ -22,6 +22,7 @@ from .sources.feed import (
     SEALED_PAYLOAD,
     Frame,
     Request,
+    TurnsRequest,
     decode_requests,
     encode,
     encode_fragments,
@@ -31,6 +32,8 @@ from .sources.sealing import (
     HELLO_SIZE,
     TO_DIGITISER,
     TO_STATION,
+    DatagramSealer,
+    SealedDatagrams,
     SealedStream,
     SealError,
     decode_hello,
@@ -185,34 +188,55 @@ class _TcpSender:
                 data = self._requests.feed(data)
             requests, self._received = decode_requests(self._received + data)
             for request in requests:
-                if isinstance(request, Request):
-                    asked = f'mode {request.mode}, start_delay {request.start_delay:g} s'
-                else:
-                    asked = f'rate {request.rate:g} Hz, priority {request.priority}'
-                print(f'requested: {asked}, peer {request.peer!r}')
+                _say(request)
+
+
+def _say(request: Request | TurnsRequest) -> None:
+    if isinstance(request, Request):
+        asked = f'mode {request.mode}, start_delay {request.start_delay:g} s'
+    else:
+        asked = f'rate {request.rate:g} Hz, priority {request.priority}'
+    print(f'requested: {asked}, peer {request.peer!r}')
 
 
 class _UdpSender:
     """Sends datagrams, whether or not someone receives them."""
 
     def __init__(self, address: tuple[str, int], key: bytes) -> None:
-        self._key = key
+        self._sealer = DatagramSealer(key, TO_STATION) if key else None
+        self._sealed = SealedDatagrams(key, direction=TO_DIGITISER) if key else None
+        self._newest: dict[tuple[type, str], Request | TurnsRequest] = {}  # by kind and peer
         try:
             family, kind, _, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise ConfigurationError(f'{address[0]}:{address[1]}: {error}') from None
         self._address: Any = found  # whose form depends on the family
         self._socket = socket.socket(family, kind)
-        self._number = self._newest = 0
+        self._number = 0
 
     def send(self, frame: Frame) -> None:
         """Send one frame."""
-        for datagram in encode_fragments(frame, self._number, SEALED_PAYLOAD if self._key else FRAGMENT_PAYLOAD):
-            if self._key:
-                self._newest = max(time.time_ns(), self._newest + 1)
-                datagram = seal(datagram, self._key, TO_STATION, self._newest)
-            self._socket.sendto(datagram, self._address)
+        for datagram in encode_fragments(frame, self._number, SEALED_PAYLOAD if self._sealer else FRAGMENT_PAYLOAD):
+            self._socket.sendto(datagram if self._sealer is None else self._sealer.seal(datagram), self._address)
         self._number += 1
+        self._say_requests()
+
+    def _say_requests(self) -> None:
+        """Show what the station asks for, once while it repeats it; what others send is not heard."""
+        while select.select([self._socket], [], [], 0.0)[0]:
+            datagram, sender = self._socket.recvfrom(_LARGEST_REQUEST)
+            if sender[:2] != self._address[:2]:
+                continue
+            try:
+                message = datagram if self._sealed is None else self._sealed.open(datagram, time.time_ns())
+            except SealError as error:
+                print(f'send_sweeps: {sender[0]}: {error}', file=sys.stderr)
+                continue
+            for request in decode_requests(message)[0]:
+                kind = type(request), request.peer
+                if self._newest.get(kind) != request:
+                    self._newest[kind] = request
+                    _say(request)
 
     def close(self) -> None:
         """Close the socket."""

@@ -250,6 +250,59 @@ def test_udp(received):
     assert math.isfinite(received.frames[0].start_delay)
 
 
+def udp_requests(sender, count):
+    """The next different requests that reach a digitiser, which repeats of the same one do not change."""
+    sender.settimeout(WAIT)
+    found = []
+    while len(found) < count:
+        requests, rest = decode_requests(sender.recv(4096))
+        assert len(requests) == 1 and rest == b''
+        found += [request for request in requests if request not in found]
+    return found
+
+
+def test_requests_go_back_to_the_sender_over_udp_and_rates_again_and_again(received):
+    """What was asked for before there is a digitiser, what is asked of a running one, and what a restarted one gets."""
+    source = opened(UdpSource, received)
+    source.start()
+    asked, other, mode = TurnsRequest(25.0, 1, 'slave'), TurnsRequest(5.0, 0, 'second'), Request(1, 6e-7, 'slave')
+
+    def send(sender, number, **changes):
+        for datagram in encode_fragments(dataclasses.replace(frame(number), **changes), number):
+            sender.sendto(datagram, ('127.0.0.1', source.port))
+        received.until(number + 1)
+
+    try:
+        assert source.request(asked)  # for later
+        assert not source.request(mode)  # nobody is there
+        with udp_socket() as first:
+            send(first, 0)
+            assert udp_requests(first, 1) == [asked]
+            assert source.request(mode) and source.request(other)
+            send(first, 1)
+            assert {mode, other} <= set(udp_requests(first, 3))
+        time.sleep(0.3)  # after which another sender is taken
+        with udp_socket() as restarted:
+            send(restarted, 2)
+            end, number, found = time.monotonic() + WAIT, 3, set()
+            while found != {asked, other} and time.monotonic() < end:
+                send(restarted, number)
+                number += 1
+                restarted.settimeout(0.05)
+                with contextlib.suppress(TimeoutError):
+                    found |= set(decode_requests(restarted.recv(4096))[0])
+            assert found == {asked, other}  # each repeated; a mode is not
+        time.sleep(0.3)
+        with udp_socket() as older:
+            send(older, number, version=1)
+            assert source.request(mode)
+            send(older, number + 1, version=1)
+            assert udp_requests(older, 1) == [mode]  # the first one: no rates before it
+    finally:
+        source.stop()
+    assert not received.errors
+
+
 def test_address_in_use_is_said(received):
     with socket.create_server(('127.0.0.1', 0)) as other:
         port = other.getsockname()[1]

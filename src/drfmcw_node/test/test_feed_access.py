@@ -20,12 +20,15 @@ from test_feed import (  # noqa: F401 - fixtures
     until,
 )
 
+from drfmcw_node.send_sweeps import _UdpSender
 from drfmcw_node.sources.feed import (
     SEALED_PAYLOAD,
     Request,
+    TurnsRequest,
     decode_requests,
     encode,
     encode_fragments,
+    encode_request,
 )
 from drfmcw_node.sources.sealing import (
     HELLO_SIZE,
@@ -125,6 +128,45 @@ def test_udp_with_a_key(running, received, key_file):  # noqa: F811
             sender.sendto(datagram, ('127.0.0.1', source.port))
         until(lambda: source.counts()['refused datagrams'] == 2 * len(pieces) + 1)
     assert received.until(1) == [1]
+
+
+def test_udp_requests_are_sealed_and_sender_hears_no_other(running, received, key_file, capsys):  # noqa: F811
+    """The example's sender says a request once, however often it is repeated, and refuses what bears no seal."""
+    source = running(UdpSource, feed_key=key_file)
+    sender = _UdpSender(('127.0.0.1', source.port), KEY)
+    source.request(TurnsRequest(25.0, 1, 'slave'))
+    said, number, end = '', 0, time.monotonic() + WAIT
+    while said.count('requested') < 2 and time.monotonic() < end:
+        sender.send(frame(number))
+        number += 1
+        if number == 20:
+            source.request(TurnsRequest(5.0, 0, 'slave'))
+        time.sleep(0.01)
+        said += capsys.readouterr().out
+    assert said == "requested: rate 25 Hz, priority 1, peer 'slave'\nrequested: rate 5 Hz, priority 0, peer 'slave'\n"
+    sender.close()
+    with udp_socket() as station:
+        station.bind(('127.0.0.1', 0))
+        sender = _UdpSender(station.getsockname(), KEY)
+        sender.send(frame(0))
+        _, address = station.recvfrom(1 << 16)
+        request = encode_request(TurnsRequest(50.0, 1, 'slave'))
+        station.sendto(request, address)
+        station.sendto(seal(request, KEY, TO_STATION, time.time_ns()), address)  # what a sender said, sent back
+        with udp_socket() as stranger:
+            stranger.sendto(seal(request, KEY, TO_DIGITISER, time.time_ns()), address)
+        time.sleep(0.1)
+        sender.send(frame(1))
+        found = capsys.readouterr()
+        assert found.out == '' and 'no sealed message' in found.err and 'another direction' in found.err
+        good = seal(request, KEY, TO_DIGITISER, time.time_ns())
+        for _ in range(2):
+            station.sendto(good, address)  # the second one is a replay
+        time.sleep(0.1)
+        sender.send(frame(2))
+        found = capsys.readouterr()
+        assert found.out.count('rate 50 Hz') == 1 and 'repeated' in found.err
+        sender.close()
 
 
 def test_sealed_datagrams_count_once_and_in_their_time():

@@ -17,7 +17,7 @@ HELLO_MAGIC = b'DRFN'
 """First bytes of what the station sends to a TCP client first: the session that its messages have to name."""
 SESSION_SIZE = 16
 NO_SESSION = bytes(SESSION_SIZE)
-"""Session of datagrams: UDP has no way back on which the station could give one."""
+"""Session of datagrams: a digitiser that only sends has no way to be given one."""
 TO_STATION, TO_DIGITISER = 0, 1
 
 _SEAL = struct.Struct('<4sBBHIQ16s')  # magic, version, direction, reserved, length, number, session
@@ -156,16 +156,29 @@ class SealedStream:
         return b''.join(payloads)
 
 
+class DatagramSealer:
+    """Seals datagrams, each with the time as its number."""
+
+    def __init__(self, key: bytes, direction: int) -> None:
+        """Take the key that the receiver shares, and TO_STATION or TO_DIGITISER."""
+        self._key, self._direction, self._newest = key, direction, 0
+
+    def seal(self, payload: bytes) -> bytes:
+        """Return a datagram with its seal, with a later number than any before."""
+        self._newest = max(time.time_ns(), self._newest + 1)
+        return seal(payload, self._key, self._direction, self._newest)
+
+
 class SealedDatagrams:
-    """Opens sealed datagrams: each once, in any order, and none from before the station's start.
+    """Opens sealed datagrams: each once, in any order, and none from before the receiver's start.
 
     Their number is the sender's time [ns since 1970]. A sender whose clock is behind by up to `CLOCK_TOLERANCE` is
-    heard that much later after the station's start.
+    heard that much later after the receiver's start.
     """
 
-    def __init__(self, key: bytes, started: int | None = None) -> None:
+    def __init__(self, key: bytes, started: int | None = None, direction: int = TO_STATION) -> None:
         """Start at `started` [ns since 1970], None for now; `key` is shared with the sender."""
-        self._key = key
+        self._key, self._direction = key, direction
         self._oldest = time.time_ns() if started is None else started
         self._order: collections.deque[int] = collections.deque()
         self._seen: set[int] = set()
@@ -176,7 +189,7 @@ class SealedDatagrams:
         Raises:
             SealError: not sealed with the key, too old, of the future, or seen before.
         """
-        number, payload = unseal(datagram, self._key, TO_STATION)
+        number, payload = unseal(datagram, self._key, self._direction)
         if number <= self._oldest or number in self._seen or abs(number - now) > CLOCK_TOLERANCE * 1e9:
             raise SealError('repeated, too old, or of another time')
         self._seen.add(number)

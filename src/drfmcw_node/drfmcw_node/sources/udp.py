@@ -1,23 +1,30 @@
 """Source `udp`: a digitiser sends frames as datagrams (docs/feed_protocol.md)."""
 
+import collections
+import contextlib
 import math
 import socket
 import time
 from typing import Any
 
-from .feed import Frame
+from .feed import Frame, Request, TurnsRequest, encode_request
 from .reassembly import FragmentAssembler
-from .sealing import SealedDatagrams, SealError, read_key
+from .sealing import TO_DIGITISER, DatagramSealer, SealedDatagrams, SealError, read_key
 from .sockets import SocketSettings, caution, is_heard, listening_socket, networks
 from .source import BATCH, POLL, Source
 
 _DATAGRAM = 1 << 16  # largest size [bytes]
 _SILENCE = 1.0  # after which the source counts as not connected [s]
 _TAKEOVER = 0.2  # without a whole frame, after which another sender's are taken [s]
+_REPEAT = 1.0  # between two requests for the same rates: datagrams are lost, digitisers restart [s]
+_MOST_REQUESTS = 64  # that wait to be sent
 
 
 class UdpSource(Source, name='udp'):
-    """Receives datagrams; there is no connection to lose. Frames of one sender at a time are taken."""
+    """Receives datagrams; there is no connection to lose. Frames of one sender at a time are taken.
+
+    Requests go to where the newest frame came from.
+    """
 
     settings = SocketSettings
 
@@ -32,10 +39,14 @@ class UdpSource(Source, name='udp'):
         self._settings, self._heard_from = settings, networks(settings.feed_from)
         key = read_key(settings.feed_key)
         self._sealed = SealedDatagrams(key) if key else None
+        self._sealer = DatagramSealer(key, TO_DIGITISER) if key else None
         self.assembler = FragmentAssembler(settings.feed_samples)
         """Unfinished frames."""
         self._sender: Any = None
-        self._last = -math.inf
+        self._last = self._asked = -math.inf
+        self._version = 0  # of the feed, as the newest frame has it
+        self._requests: collections.deque[Request | TurnsRequest] = collections.deque(maxlen=_MOST_REQUESTS)
+        self._turns: dict[str, TurnsRequest] = {}  # by peer
         self._refused = self._others = 0
         self._reason = ''
         self._socket = listening_socket(socket.SOCK_DGRAM, settings)
@@ -64,6 +75,18 @@ class UdpSource(Source, name='udp'):
         """Return why the last datagram was refused, '' where none was."""
         return self._reason
 
+    def request(self, request: Request | TurnsRequest) -> bool:
+        """Send a request to the digitiser; one for a rate again and again, as long as frames come.
+
+        Whoever sees the ranges asks for a mode again, but for a rate only once.
+        """
+        if isinstance(request, TurnsRequest):
+            self._turns[request.peer] = request
+        elif not self.connected:
+            return False
+        self._requests.append(request)
+        return True
+
     def _run(self) -> None:
         with self._socket as receiver:
             while not self._ended.is_set():
@@ -72,6 +95,22 @@ class UdpSource(Source, name='udp'):
                 if frames:
                     self.connected = True
                     self._deliver(frames)
+                if self.connected:
+                    self._pass_requests(receiver)
+
+    def _pass_requests(self, sender: socket.socket) -> None:
+        """Send what waits, and once in a while all rates that are asked for, to the digitiser."""
+        now = time.monotonic()
+        if now - self._asked >= _REPEAT:
+            self._asked = now
+            self._requests.extend(turns for turns in list(self._turns.values()) if turns not in self._requests)
+        while self._requests:
+            request = self._requests.popleft()
+            if isinstance(request, TurnsRequest) and self._version < 2:
+                continue
+            message = encode_request(request)
+            with contextlib.suppress(OSError):  # as good as lost on the way
+                sender.sendto(message if self._sealer is None else self._sealer.seal(message), self._sender)
 
     def _received(self, receiver: socket.socket) -> list[Frame]:
         """Return the frames that are complete: wait for the first datagram, then take what has queued up."""
@@ -109,5 +148,5 @@ class UdpSource(Source, name='udp'):
             self._others += 1
             self._reason = f'{sender[0]}: another digitiser is sending'
             return None
-        self._sender, self._last = sender, now
+        self._sender, self._last, self._version = sender, now, frame.version
         return frame
