@@ -171,8 +171,7 @@ def fresh_fusion(case: Case, scenario: Scenario, m: Measurements) -> RangeFusion
     fusion = RangeFusion()
     start = round(scenario.timing.start_time * NANOSECONDS)
     begin = start + round(CLEAN * INTERVAL * NANOSECONDS)
-    for topic, value in _WEATHER.items():
-        _add_weather(fusion, topic, value, start - 1)
+    give_weather(fusion, start - 1)
     if case.fault.weather is not None:
         _add_weather(fusion, *case.fault.weather, begin)
     for sweep in _settings(case, m):
@@ -193,6 +192,12 @@ def _ranges(case: Case, scenario: Scenario, m: Measurements, beats: list[Beat]) 
         beats = [beats[i] for i in np.argsort(arrivals, kind='stable')]
     found = (fusion.add_beat(beat, number * 1e-6) for number, beat in enumerate(beats))
     return [result for result in found if result is not None]
+
+
+def give_weather(fusion: RangeFusion, stamp: int) -> None:
+    """Hand a reading of each weather sensor to the fusion, as at the site of `scenario_of`."""
+    for topic, value in _WEATHER.items():
+        _add_weather(fusion, topic, value, stamp)
 
 
 def _add_weather(fusion: RangeFusion, topic: str, value: float, stamp: int) -> None:
