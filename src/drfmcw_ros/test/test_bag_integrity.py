@@ -56,6 +56,47 @@ def recorded(request, tmp_path, rows):
     return tmp_path / 'run'
 
 
+# --- messages that are cut off ---
+
+
+@pytest.fixture
+def cut_off(tmp_path):
+    """(recording in which two of a topic's messages lack their end, all its rows, the topic, numbers of the two)."""
+    rows = contents(DATA / 'recording_0')[:200]
+    topic = '/master/if_samples'
+    chosen = [number for number, row in enumerate(rows) if row[0] == topic][3:5]
+    written = [(*row[:3], bytes(row[3])[: 90 if i in chosen else None]) for i, row in enumerate(rows)]
+    write(tmp_path / 'cut', written).close()
+    return tmp_path / 'cut', rows, topic, chosen
+
+
+def test_cut_off_messages_are_refused_with_topic_and_time(cut_off, capsys):
+    path, rows, topic, (first, _) = cut_off
+    said = f"topic '{topic}': message cannot be decoded, {(rows[first][1] - rows[0][1]) * 1e-9:.3f} s after the start"
+    with BagReader(path) as bag, pytest.raises(BagError, match=re.escape(said)):
+        list(bag.messages({topic}))
+    assert info.main([str(path)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_cut_off_messages_are_counted_and_left_out_where_damage_is_skipped(cut_off, capsys):
+    path, rows, topic, chosen = cut_off
+    total = sum(row[0] == topic for row in rows)
+    with BagReader(path, skip_damaged=True) as bag:
+        for _ in range(2):  # said once, however often it is read
+            assert len(list(bag.messages({topic}))) == total - len(chosen)
+        [line] = bag.damages
+        whole = list(bag.raw_messages(whole=True))
+    assert f"'{topic}': 2 of {total} messages cannot be decoded, the first one " in line
+    assert whole == [row for number, row in enumerate(rows) if number not in chosen]
+    before = SKIP_DAMAGED.get()
+    try:
+        assert info.main([str(path), '--json', '--skip-damaged']) == 0
+    finally:
+        SKIP_DAMAGED.set(before)
+    assert json.loads(capsys.readouterr().out)['damages'] == [line]
+
+
 # --- one flipped bit ---
 
 

@@ -163,7 +163,7 @@ class Soak:
         return taken
 
     def _give_site(self, stamp: int) -> None:
-        """Give what comes once a second: weather, without which ranges are STALE_ENVIRONMENT, and board temperatures."""
+        """Give what comes once a second: weather, without which ranges go STALE_ENVIRONMENT, board temperatures."""
         give_weather(self.fusion, stamp)
         for station in ('master', 'slave'):
             for consumer in (self.processor, self.fusion):

@@ -1,6 +1,7 @@
 """The sweeps of a recording, station by station, as many as memory should hold."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.bag.files import BagError, BagReader, typestore
+from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.messages import from_message, stamp_ns
-from drfmcw_ros.topics import STATION_TOPICS, split_station_topic
+from drfmcw_ros.topics import split_station_topic
 
 from ..formats.base import Numbers
 
@@ -83,10 +84,8 @@ def stations(bag: BagReader) -> list[str]:
 
 def messages(bag: BagReader, station: str, step: int = 1) -> Iterator[Any]:
     """Yield every `step`-th IfSamples message of a station."""
-    kind, store = STATION_TOPICS['if_samples'], typestore()
-    for number, (_, _, _, raw) in enumerate(bag.raw_messages({f'/{station}/if_samples'})):
-        if number % step == 0:
-            yield store.deserialize_cdr(raw, kind)
+    for _, _, message in itertools.islice(bag.messages({f'/{station}/if_samples'}), 0, None, step):
+        yield message
 
 
 def read_sweeps(path: Path | str) -> list[StationSweeps]:

@@ -2,6 +2,7 @@
 
 import contextlib
 import contextvars
+import dataclasses
 import functools
 import heapq
 import logging
@@ -36,6 +37,15 @@ def _note(text: str) -> None:
     _LOG.warning('note: %s', text)
 
 
+@dataclasses.dataclass
+class _Undecodable:
+    """Messages of a topic that are cut off, or not what their definition says."""
+
+    first: int  # time [ns]
+    reason: str
+    count: int = 0
+
+
 class BagReader:
     """Reads one rosbag2 recording: a directory with or without metadata.yaml, or a single storage file.
 
@@ -56,7 +66,8 @@ class BagReader:
         self.path = Path(path)
         if not self.path.exists():
             raise BagError(f'{path}: no such recording')
-        skip = SKIP_DAMAGED.get() if skip_damaged is None else skip_damaged
+        self._skip = skip = SKIP_DAMAGED.get() if skip_damaged is None else skip_damaged
+        self._left_out: set[str] = set()  # topics of which it is said which messages cannot be decoded
         self._cleanup = contextlib.ExitStack()
         self._files: list[StorageFile] = []
         self.damages: list[str] = []
@@ -201,6 +212,22 @@ class BagReader:
         """{topic: type}."""
         return {c.topic: c.msgtype for c in self.connections}
 
+    @property
+    def readable(self) -> set[str]:
+        """Topics whose messages drfmcw can decode."""
+        return {c.topic for c in self.connections if self._is_known(c)} - self.unreadable.keys()
+
+    @property
+    def unreadable(self) -> dict[str, str]:
+        """{topic: why} of those whose type drfmcw knows by another definition, which is no older one of its own."""
+        found = {}
+        for connection in filter(self._is_known, self.connections):
+            try:
+                self._converter(connection)
+            except BagError as error:
+                found[connection.topic] = str(error)
+        return found
+
     def require(self, topic: str) -> None:
         """Raise BagError where the recording lacks `topic`, naming the nearest it has."""
         if topic not in self.topics:
@@ -223,34 +250,60 @@ class BagReader:
             topics: only these; None yields all whose type is known.
 
         Raises:
-            BagError: truncated, corrupt, or a message definition that is not ours or an older one of it.
+            BagError: truncated, corrupt, or a message definition that is not ours or an older one of it; unless damaged
+                parts are skipped, also a message that cannot be decoded. Those left out are said at the end.
         """
-        store = typestore()
-        for topic, time, msgtype, raw in self.raw_messages(topics):
-            try:
-                message = store.deserialize_cdr(raw, msgtype)
-            except Exception as error:  # rosbags raises what its parser meets
-                raise BagError(f"{self.path}: topic '{topic}': message cannot be decoded ({reason(error)})") from None
+        for topic, time, _, _, message in self._decoded(topics, deserialise=True):
             yield topic, time, message
 
-    def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, str, bytes]]:
+    def raw_messages(
+        self, topics: Collection[str] | None = None, whole: bool = False
+    ) -> Iterator[tuple[str, int, str, bytes]]:
         """Yield (topic, time [ns], type, message serialised in our definition) in order of time.
 
-        Arguments and errors as `messages`.
+        Arguments and errors as `messages`; with `whole`, messages that cannot be decoded are treated as there.
         """
-        known = typestore().fielddefs
-        chosen = [c for c in self.connections if (c.topic in topics if topics is not None else c.msgtype in known)]
+        for topic, time, msgtype, raw, _ in self._decoded(topics, deserialise=whole):
+            yield topic, time, msgtype, raw
+
+    def _decoded(self, topics: Collection[str] | None, deserialise: bool) -> Iterator[tuple[str, int, str, bytes, Any]]:
+        """Yield (topic, time [ns], type, serialised in our definition, message); None for one that is not asked for."""
+        store = typestore()
+        chosen = [c for c in self.connections if (c.topic in topics if topics is not None else self._is_known(c))]
         convert = {c.topic: self._converter(c) for c in chosen}
         types = {c.topic: c.msgtype for c in chosen}
+        failed: dict[str, _Undecodable] = {}
         for topic, time, raw in self.stored_messages(types.keys()):
             change = convert[topic]
-            if change is not None:
-                try:
+            message = None
+            try:
+                if change is not None:
                     raw = change(raw)
-                except Exception as error:  # as when decoding
-                    text = f"{self.path}: topic '{topic}': message cannot be decoded ({reason(error)})"
-                    raise BagError(text) from None
-            yield topic, time, types[topic], raw
+                if deserialise:
+                    message = store.deserialize_cdr(raw, types[topic])
+            except Exception as error:  # rosbags raises what its parser meets
+                found = failed.setdefault(topic, _Undecodable(time, reason(error)))
+                found.count += 1
+                if not self._skip:
+                    raise BagError(f'{self._left_out_line(topic, found)}; --skip-damaged reads the rest') from None
+                continue
+            yield topic, time, types[topic], raw, message
+        for topic, found in failed.items():
+            if topic not in self._left_out:
+                self._left_out.add(topic)
+                self.damages.append(self._left_out_line(topic, found))
+                _note(self.damages[-1])
+
+    def _left_out_line(self, topic: str, found: '_Undecodable') -> str:
+        [total] = [c.msgcount for c in self.connections if c.topic == topic]
+        which = f'{found.count} of {total} messages' if self._skip else 'message'
+        begin = (found.first - self.start_time) * 1e-9
+        where = f'the first one {begin:.3f} s after the start' if self._skip else f'{begin:.3f} s after the start'
+        return f"{self.path}: topic '{topic}': {which} cannot be decoded, {where} ({found.reason})"
+
+    @staticmethod
+    def _is_known(connection: Connection) -> bool:
+        return connection.msgtype in typestore().fielddefs
 
     def stored_messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """Yield (topic, time [ns], message serialised as it was recorded) in order of time.

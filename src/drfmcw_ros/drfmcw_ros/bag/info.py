@@ -56,6 +56,8 @@ def describe(path: str) -> dict[str, Any]:
         recorded = {c.topic: {'type': c.msgtype, 'messages': c.msgcount} for c in bag.connections}
         stations = sorted(split_station_topic(t)[0] for t in recorded if split_station_topic(t)[1] == 'if_samples')
         turns = _turns(bag, sweeps, grants, requests)
+        for _ in bag.raw_messages(bag.readable - settings_topics, whole=True):
+            pass  # one that cannot be decoded is refused, or listed among the damages
         return {
             'recording': str(path),
             'start': bag.start_time if bag.message_count else None,
@@ -65,6 +67,7 @@ def describe(path: str) -> dict[str, Any]:
             'checksums': bag.checksums,
             'unfinished': bag.unfinished,
             'damages': bag.damages,
+            'unreadable': list(bag.unreadable.values()),
             'topics': recorded,
             'sweep_configs': sweeps,
             'schedule': turns,
@@ -185,6 +188,8 @@ def _show(found: dict[str, Any], console: Console) -> None:
     console.print(clocks)
     if not found['checksums']:
         console.print('note: not every message stands under a checksum', highlight=False)
+    for text in found['unreadable']:
+        console.print(f'note: {text}', highlight=False)
     for topic in found['missing']:
         console.print(f'note: {topic} is missing', highlight=False)
 

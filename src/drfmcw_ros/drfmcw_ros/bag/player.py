@@ -173,9 +173,9 @@ def _messages(bag: BagReader, loops: int) -> Iterator[tuple[str, int, bytes]]:
     """Yield (topic, time [ns], serialised message) of `loops` rounds; stamps and sweep numbers go on."""
     topics = {t for t in bag.topics if is_measured(t)}
     if loops == 1:
-        yield from ((topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics))
+        yield from ((topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics, whole=True))
         return
-    kept = [(topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics)]
+    kept = [(topic, time_ns, raw) for topic, time_ns, _, raw in bag.raw_messages(topics, whole=True)]
     numbers = {_sweep_id(raw)[1] for topic, _, raw in kept if topic.endswith('/if_samples')}
     next_number = max(numbers) + 1
     times = [t for topic, t, _ in kept if topic.endswith('/if_samples')]  # settings come some time before
