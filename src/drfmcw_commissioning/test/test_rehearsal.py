@@ -27,7 +27,10 @@ def test_a_few_commissionings_hold_what_they_state():
 
 
 def test_calibration_on_the_bench_finds_the_stations():
-    """Clocks and noise floors within 5 standard deviations; the sum of both delays within 5 of the cable's."""
+    """Clocks and noise floors within 5 standard deviations; the sum of both delays within 5 of the cable's.
+
+    Both oscillators' phase noise is half of the sum's, within 5 standard deviations and a bias of 0.3 dB.
+    """
     documents = calibrate(np.random.default_rng(7), SHORT_BENCH)
     for name, truth in TRUTH.items():
         clock = documents[name].calibration()
@@ -37,6 +40,9 @@ def test_calibration_on_the_bench_finds_the_stations():
         assert slope.slope == pytest.approx(truth.delay_slope, abs=5.0 * slope.slope_std + 1e-13)
         noise = documents[name].noise
         assert noise.floor == pytest.approx(truth.noise_floor, abs=5.0 * noise.floor_std) and noise.floor_std < 0.1
+        half = np.log10(np.mean([10.0 ** (t.phase_noise_level / 10.0) for t in TRUTH.values()])) * 10.0
+        assert noise.phase_level == pytest.approx(half, abs=5.0 * noise.phase_level_std + 0.3)
+        assert noise.phase_level_std < 0.2
     total = sum(float(d.calibration().delay_at(25.0)) for d in documents.values())
     true = sum(t.delay for t in TRUTH.values())
     assert total == pytest.approx(true, abs=5.0 * 0.005 / SPEED_OF_LIGHT)

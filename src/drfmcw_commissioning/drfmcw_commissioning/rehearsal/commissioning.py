@@ -14,8 +14,9 @@ from drfmcw_sim.trajectory import Standing
 
 from ..indoors.curve import fit
 from ..indoors.noise import receiver_noise
+from ..indoors.oscillator import oscillator_noise
 from ..indoors.path import KnownPath, path_calibration
-from ..indoors.station import with_clocks, with_noise, with_path
+from ..indoors.station import with_clocks, with_noise, with_oscillator, with_path
 from .chain import Evaluated, evaluate, heard
 
 FIRST, SECOND = 'slave', 'master'
@@ -33,13 +34,16 @@ class Truth:
     delay: float  # [s]
     delay_slope: float  # [s/K]
     noise_floor: float  # [dBm/Hz]
+    phase_noise_level: float  # single side-band at 100 kHz [dBc/Hz]
+    phase_noise_corner: float  # [Hz]
 
 
 TRUTH = {
-    'master': Truth(1.0 + 37e-6, 1.0 + 18e-6, -2.2e-7, 1.05e-10, 12.3e-9, 3e-12, -140.7),
-    'slave': Truth(1.0 - 22e-6, 1.0 - 9e-6, -1.6e-7, 0.98e-10, 15.8e-9, 2e-12, -137.7),
+    'master': Truth(1.0 + 37e-6, 1.0 + 18e-6, -2.2e-7, 1.05e-10, 12.3e-9, 3e-12, -140.7, -90.0, 200e3),
+    'slave': Truth(1.0 - 22e-6, 1.0 - 9e-6, -1.6e-7, 0.98e-10, 15.8e-9, 2e-12, -137.7, -92.0, 200e3),
 }
-"""Two stations with crystals of different cuts (chosen; the offsets, delays and floors are those of issue 15)."""
+"""Two stations with crystals of different cuts and oscillators of different noise (both chosen; the offsets, delays and
+floors are those of issue 15)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +58,7 @@ class Bench:
     chambers: tuple[float, ...] = (-10.0, 4.0, 18.0, 32.0, 45.0)  # board temperatures of recordings through the cable
     sweeps: int = 8  # at each
     terminated: int = 20  # sweeps with the antennas terminated
+    phase: int = 40  # sweeps through the cable for the phase noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +104,8 @@ def commission(seed: int, bench: Bench | None = None, field: Field | None = None
 def calibrate(random: np.random.Generator, bench: Bench) -> dict[str, Document]:
     """Return the documents of both stations.
 
-    Clocks by a counter, noise floors with the antennas terminated, then each in a chamber, the other at 25 degC.
+    Clocks by a counter, noise floors with the antennas terminated, phase noise through the cable, both taken as equal,
+    as one path cannot tell them apart; then the delay with each in a chamber, the other at 25 degC.
     """
     documents = {name: _clocks(name, random, bench) for name in TRUTH}
     dark = random.spawn(1)[0]
@@ -107,6 +113,9 @@ def calibrate(random: np.random.Generator, bench: Bench) -> dict[str, Document]:
         terminated = _scenario(dark, bench.cable, dict.fromkeys(TRUTH, 25.0), bench.terminated, _TERMINATED)
         documents[name] = with_noise(document, receiver_noise(*heard(terminated, name)))
     length = bench.cable + bench.cable_std * random.standard_normal()
+    for name, document in documents.items():
+        through = _scenario(dark, length, dict.fromkeys(TRUTH, 25.0), bench.phase, _CABLE)
+        documents[name] = with_oscillator(document, oscillator_noise(*heard(through, name)))
     path = KnownPath(bench.cable, bench.cable_std, in_air=False)
     for warm, peer in ((SECOND, FIRST), (FIRST, SECOND)):
         calibrations = {name: document.calibration() for name, document in documents.items()}
@@ -162,6 +171,8 @@ def _scenario(
             'delay': t.delay,
             'delay_slope': t.delay_slope,
             'noise_floor': t.noise_floor,
+            'phase_noise_level': t.phase_noise_level,
+            'phase_noise_corner': t.phase_noise_corner,
             'board_temperature': boards[name],
         }
         for name, t in TRUTH.items()

@@ -69,12 +69,12 @@ def table(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table, in millimetres."""
     lines = [
         '| distance [m] | commissionings | mean error [mm] | rms error [mm] | stated [mm] | mean chi-square '
-        '| within 1.5 mm + 2 stated | rms without curve [mm] |',
-        '| -: | -: | -: | -: | -: | -: | -: | -: |',
+        '| within 1.5 mm + 2 stated | flagged | rms without curve [mm] |',
+        '| -: | -: | -: | -: | -: | -: | -: | -: | -: |',
     ]
     lines += [
         f'| {r.distance:g} | {r.count} | {r.mean * 1e3:+.2f} | {r.rms * 1e3:.2f} | {r.stated * 1e3:.2f} '
-        f'| {r.chi_square:.2f} | {r.within:.1%} | {r.rms_without_curve * 1e3:.2f} |'
+        f'| {r.chi_square:.2f} | {r.within:.1%} | {r.flagged} | {r.rms_without_curve * 1e3:.2f} |'
         for r in rows
     ]
     return '\n'.join(lines)
