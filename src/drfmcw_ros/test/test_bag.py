@@ -1,5 +1,6 @@
 """Recordings: what is written comes back to the byte, nothing half-done stays behind, damage is said in one line."""
 
+import math
 import os
 import re
 import resource
@@ -14,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drfmcw_ros.bag.files import STORAGES, BagError, BagReader, BagWriter, typestore
+from drfmcw_ros.bag.info import main
 
 PRACTICE = DATA / 'recording_0'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
@@ -275,6 +277,30 @@ def test_changed_message_definition_is_refused(tmp_path, storage):
     line = problem(tmp_path / 'run')
     assert "'/master/if_samples'" in line
     assert f'its definition of {kind} differs' in line
+
+
+@both_storages
+def test_older_definition_is_converted_and_its_missing_fields_are_named(tmp_path, storage, capsys):
+    """Calibrations of the first release come back in today's definition, fields that they lack as zero or NaN."""
+    kind, topic = 'drfmcw_msgs/msg/StationCalibration', '/master/calibration'
+    with BagReader(PRACTICE) as bag:
+        definition = next(c.msgdef.data for c in bag.connections if c.topic == topic)
+        assert 'alpha_std' not in definition  # by another hand, before there was this field
+        [recorded] = [message for _, _, message in bag.messages({topic})]
+    theirs = get_typestore(Stores.ROS2_JAZZY)
+    theirs.register(get_types_from_msg(definition, kind))
+    old = theirs.types[kind](**{name: getattr(recorded, name) for name, _ in theirs.fielddefs[kind][1]})
+    with Writer(tmp_path / 'run', version=9, storage_plugin=StoragePlugin[storage.upper()]) as bag:
+        bag.write(bag.add_connection(topic, kind, typestore=theirs), 1, theirs.serialize_cdr(old, kind))
+    with BagReader(tmp_path / 'run') as bag:
+        [(_, _, message)] = bag.messages()
+        [(_, _, _, raw)] = bag.raw_messages(whole=True)
+        for read in (message, typestore().deserialize_cdr(raw, kind)):
+            assert (read.alpha, read.delay, read.station) == (recorded.alpha, recorded.delay, 'master')
+            assert math.isnan(read.alpha_std) and read.delay_peer == ''
+        assert 'alpha_std' in bag.older[kind] and 'alpha' not in bag.older[kind] and not bag.unreadable
+    assert main([str(tmp_path / 'run')]) == 0
+    assert f'note: an older {kind} without alpha_std' in ' '.join(capsys.readouterr().out.split())
 
 
 def test_unknown_message_type_matters_only_where_asked_for(tmp_path):

@@ -14,6 +14,7 @@ import numpy as np
 from drfmcw_node.sources.recording import recorded_frames
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.calibration.document import Document, implausible, read_document
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
 from drfmcw_ros.cli import write_atomically
@@ -45,6 +46,7 @@ def add_parser(commands: Any) -> None:
     summary = 'calibrate one station indoors: clocks, noise floor, delay'
     parser = commands.add_parser('station', help=summary, description=__doc__)
     parser.add_argument('station', metavar='NAME', help='name of the station')
+    add_damage_option(parser)
     clocks = parser.add_argument_group('clocks: readings of a frequency counter')
     clocks.add_argument(
         '--reading', action='append', default=[], metavar='CLOCK:HZ@DEGC',

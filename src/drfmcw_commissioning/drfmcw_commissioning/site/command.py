@@ -11,6 +11,7 @@ from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.uncertainty import UNKNOWN
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.settings import ConfigurationError, nearest
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.calibration.document import Document, from_calibration, implausible, read_document
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
 from drfmcw_ros.cli import write_atomically
@@ -33,6 +34,7 @@ def add_parser(commands: Any) -> None:
     summary = 'calibrate a pair on site, by ranges beside reference distances'
     parser = commands.add_parser('site', help=summary, description=__doc__)
     parser.add_argument('recording', help='rosbag2 recording of both stations')
+    add_damage_option(parser)
     parser.add_argument('--marks', metavar='FILE', help='known distances (columns range, std) instead of the reference')
     parser.add_argument(
         '--calibration',

@@ -15,6 +15,7 @@ from rich.console import Console
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping
 from drfmcw_ros.bag.files import BagError
+from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.cli import Parser, guarded, write_atomically
 from drfmcw_ros.config_files import find_config
 
@@ -94,6 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         'recording', help='rosbag2 recording of the travel, with reference distances if accuracy counts'
     )
+    add_damage_option(parser)
     parser.add_argument(
         '--requirements', default='requirements', metavar='FILE', help='YAML file (config/requirements.yaml)'
     )

@@ -1,8 +1,9 @@
 """Message definitions of a recording against ours: the same, an older one that lacks fields, or another one."""
 
+import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,6 @@ from rosbags.typesys.store import Typestore
 
 from drfmcw_physics.settings import ConfigurationError
 
-Converter = Callable[[bytes], bytes]
-
 
 class BagError(ConfigurationError):
     """A recording that cannot be read or lacks what is needed; the message is one line."""
@@ -22,6 +21,23 @@ class BagError(ConfigurationError):
 
 class UnwritableError(BagError):
     """A recording that cannot be written for now: the disk is full or gone."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Converter:
+    """Makes serialised messages of our definition from those of an older one."""
+
+    kind: str
+    ours: Typestore
+    older: Typestore
+    added: Mapping[str, Any]
+    """Fields that the older definition lacks, with the values that they get."""
+
+    def __call__(self, raw: bytes) -> bytes:
+        """Return a message in our definition; raises what rosbags' parser meets."""
+        message = self.older.deserialize_cdr(raw, self.kind)
+        known = {name: getattr(message, name) for name, _ in self.older.fielddefs[self.kind][1]}
+        return bytes(self.ours.serialize_cdr(self.ours.types[self.kind](**known, **self.added), self.kind))
 
 
 @functools.cache
@@ -67,14 +83,7 @@ def converter(ours: Typestore, connection: Connection) -> Converter | None:
     added = _added(ours, recorded, kind) if recorded is not None else None
     if recorded is None or added is None:
         raise ValueError(f'its definition of {kind} differs from the one drfmcw uses')
-    older, make = recorded, ours.types[kind]
-    names = [name for name, _ in recorded.fielddefs[kind][1]]
-
-    def convert(raw: bytes) -> bytes:
-        message = older.deserialize_cdr(raw, kind)
-        return bytes(ours.serialize_cdr(make(**{name: getattr(message, name) for name in names}, **added), kind))
-
-    return convert
+    return Converter(kind, ours, recorded, added)
 
 
 def _added(ours: Typestore, theirs: Typestore, kind: str) -> dict[str, Any] | None:

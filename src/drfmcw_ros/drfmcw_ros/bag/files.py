@@ -228,6 +228,12 @@ class BagReader:
                 found[connection.topic] = str(error)
         return found
 
+    @property
+    def older(self) -> dict[str, list[str]]:
+        """{type: fields that it lacks} of types that were recorded by an older definition of ours."""
+        converters = {c.msgtype: self._converter(c) for c in self.connections if c.topic in self.readable}
+        return {kind: list(change.added) for kind, change in converters.items() if change is not None}
+
     def require(self, topic: str) -> None:
         """Raise BagError where the recording lacks `topic`, naming the nearest it has."""
         if topic not in self.topics:

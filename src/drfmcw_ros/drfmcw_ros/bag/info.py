@@ -67,6 +67,7 @@ def describe(path: str) -> dict[str, Any]:
             'checksums': bag.checksums,
             'unfinished': bag.unfinished,
             'damages': bag.damages,
+            'older': bag.older,
             'unreadable': list(bag.unreadable.values()),
             'topics': recorded,
             'sweep_configs': sweeps,
@@ -188,6 +189,9 @@ def _show(found: dict[str, Any], console: Console) -> None:
     console.print(clocks)
     if not found['checksums']:
         console.print('note: not every message stands under a checksum', highlight=False)
+    for kind, fields in found['older'].items():
+        text = f'note: an older {kind} without {", ".join(fields)}: replay --publish adds them, ros2 bag play does not'
+        console.print(text, highlight=False)
     for text in found['unreadable']:
         console.print(f'note: {text}', highlight=False)
     for topic in found['missing']:
