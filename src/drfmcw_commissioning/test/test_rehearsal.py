@@ -105,6 +105,9 @@ def test_rehearsal_is_a_command(capsys, tmp_path):
     assert '--times must be 2' in capsys.readouterr().err
     assert main(['contributions', '--distance', '250']) == 0
     assert 'at 250 m [mm]' in capsys.readouterr().out
+    for wrong in ('-5', 'nan', '0', '2e4'):
+        assert main(['contributions', '--distance', wrong]) == 2
+        assert '--distance' in capsys.readouterr().err
 
 
 def test_table_of_contributions_in_the_document_is_that_of_the_command():

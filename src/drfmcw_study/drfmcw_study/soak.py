@@ -242,7 +242,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--estimator', default='hann', choices=('paper', 'hann', 'ml', 'pair'), help='of the stations')
     parser.add_argument(
-        '--batch', type=int, default=BATCH, metavar='N', help=f'sweeps of each station given at once ({BATCH}); 1: live'
+        '--batch', type=int, metavar='N', help=f'sweeps of each station given at once ({BATCH}); 1: live'
     )
     parser.add_argument('--gateway', action='store_true', help='the servers for crane controllers, with their clients')
     parser.add_argument('--json', metavar='FILE', help='write every look')
@@ -252,9 +252,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         hours, limit = arguments.hours, arguments.limit
         if not (0.0 < hours < math.inf and limit > 0.0):
             raise ConfigurationError(f'{hours:g} hours, --limit {limit:g}: both must be above 0')
-        if arguments.batch < 1:
-            raise ConfigurationError(f'--batch {arguments.batch}: at least 1')
-        soak = _gateway() if arguments.gateway else Soak(arguments.estimator, arguments.batch)
+        batch = BATCH if arguments.batch is None else arguments.batch
+        if batch < 1 or (arguments.gateway and arguments.batch is not None):
+            raise ConfigurationError(
+                f'--batch {batch}: at least 1, and not with --gateway, which takes them one by one'
+            )
+        soak = _gateway() if arguments.gateway else Soak(arguments.estimator, batch)
         return _soak(hours, limit, soak, arguments.json)
 
     return guarded(parser.prog, work)

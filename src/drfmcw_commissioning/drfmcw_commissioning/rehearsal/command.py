@@ -17,6 +17,8 @@ from .contributing import DISTANCES
 from .contributing import table as contributions
 from .summary import summarise, table
 
+_NEAREST, _FARTHEST = 1.0, 1500.0  # that the modes of the default sweep measure [m]
+
 
 def add_parsers(commands: Any) -> None:
     """Add the subcommands."""
@@ -33,7 +35,15 @@ def add_parsers(commands: Any) -> None:
         '--distance', action='append', type=float, metavar='M',
         help=f'distance (repeatable; {" and ".join(f"{d:g}" for d in DISTANCES)})',
     )  # fmt: skip
-    parts.set_defaults(work=lambda arguments: print(contributions(arguments.distance or DISTANCES)))
+    parts.set_defaults(work=_contributions)
+
+
+def _contributions(arguments: argparse.Namespace) -> None:
+    distances = arguments.distance or DISTANCES
+    for distance in distances:
+        if not _NEAREST <= distance <= _FARTHEST:
+            raise ConfigurationError(f'--distance {distance:g}: from {_NEAREST:g} to {_FARTHEST:g} m can be computed')
+    print(contributions(distances))
 
 
 def _rehearse(arguments: argparse.Namespace) -> int:
