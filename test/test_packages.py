@@ -46,13 +46,15 @@ NO_KEY = {
     'foxglove',
     'itsdangerous',
     'nicegui',
+    'o6',
     'playwright',
+    'pyModbusTCP',
     'pyarrow',
     'pymodbus',
     'pyvisa',
     'zarr',
 }
-"""Unknown to rosdep or too old in it (docs/dependencies.md); optional, or of host and gateway (wheels)."""
+"""Unknown to rosdep or too old in it (docs/dependencies.md); optional, of host and gateway (wheels), or tests' own."""
 NOT_IMPORTED = {'drfmcw_bringup': {'ros2launch'}}
 """What a package needs beside its imports: the command that runs its launch files."""
 NAMED = re.compile(r'(drfmcw_[a-z]+(?=\.\w+)|(drfmcw|std|sensor|diagnostic)_msgs(?=/msg/))[\w./]*$')

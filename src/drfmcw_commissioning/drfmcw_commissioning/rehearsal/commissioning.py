@@ -105,7 +105,7 @@ def calibrate(random: np.random.Generator, bench: Bench) -> dict[str, Document]:
     """Return the documents of both stations.
 
     Clocks by a counter, noise floors with the antennas terminated, phase noise through the cable, both taken as equal,
-    as one path cannot tell them apart; then the delay with each in a chamber, the other at 25 degC.
+    as one path shows their sum only; then the delay with each in a chamber, the other at 25 degC.
     """
     documents = {name: _clocks(name, random, bench) for name in TRUTH}
     dark = random.spawn(1)[0]
