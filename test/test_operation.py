@@ -108,7 +108,8 @@ def test_no_node_may_publish_what_another_one_measures():
             assert own and all(topic.startswith(node.namespace + '/') for topic in own)
             assert not any(topic.endswith('_request') for topic in own)
         elif node.node == 'fusion':
-            assert all(re.search('/(range|range_sensor|sweep_request|schedule_request)$', topic) for topic in own)
+            names = '/(range|range_sensor|range_batch|sweep_request|schedule_request)$'
+            assert all(re.search(names, topic) for topic in own)
         else:
             assert own == []
 

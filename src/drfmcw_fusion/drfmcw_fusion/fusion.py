@@ -10,12 +10,14 @@ from typing import Any, cast
 
 from drfmcw_msgs.msg import (
     BeatFrequency,
+    RangeBatch,
     RangeEstimate,
     StationCalibration,
     StationStatus,
     SweepConfig,
     SweepSchedule,
 )
+from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from drfmcw_node.processing.records import Beat
@@ -33,7 +35,9 @@ from drfmcw_ros.operation.managed import ManagedNode
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.publishers import Publishers
 from drfmcw_ros.runner import run
+from drfmcw_ros.topics import DISPLAYED
 
+from .batch import Gathering
 from .integrity.settings import IntegritySettings
 from .offline import read_weather, weather_std
 from .pipeline import UNMEASURED, USELESS, Flag, RangeFusion, RangeResult, flag_names
@@ -50,6 +54,7 @@ _LARGEST_FLOAT = 3.4e38  # of a float32 field
 _LOG_INTERVAL = 10.0  # between two lines about refused messages [s]
 _LONGEST_SILENCE = 3600.0  # that is not reported, however low the rate [s]
 _GATHER = 0.5e-3  # of the stations' results [s]
+_REST = 0.1  # after which ranges are sent to displays although none follows [s]
 _LEASE = 25.0  # after which DDS has forgotten a publisher that died: 20 s by default [s]
 _LARGEST_PAIR_COUNT = 64  # latched settings kept per station topic
 
@@ -105,6 +110,8 @@ class _PairState:
 
     range_publisher: Any
     sensor_publisher: Any
+    batch_publisher: Any
+    gathering: Gathering = dataclasses.field(default_factory=Gathering)
     newest: RangeResult | None = None
     ranges: int = 0  # since the last diagnostics
     flagged: int = 0
@@ -148,6 +155,7 @@ class FusionNode(ManagedNode):
             self._pairs[first, second] = _PairState(
                 qos.publisher(self, RangeEstimate, f'/{pair}/range', qos.RANGE),
                 qos.publisher(self, Range, f'/{pair}/range_sensor', qos.RANGE),
+                qos.publisher(self, RangeBatch, f'/{pair}/{DISPLAYED["range"]}', qos.RELIABLE),
             )
         self._mode_publishers: dict[tuple[str, str], Any] = {}
         self._turn_publishers: dict[tuple[str, str], Any] = {}
@@ -159,6 +167,8 @@ class FusionNode(ManagedNode):
             self._listen_to(station)
         for topic, kind in _WEATHER_TYPES.items():
             self._first.readings(kind, topic, functools.partial(self._weather, topic))
+        rest = functools.partial(self._publish_batches, whole=True)
+        self.create_timer(_REST, rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def activate(self) -> None:
         """Ask for the rates of the pairs, and give signs of life.
@@ -278,6 +288,7 @@ class FusionNode(ManagedNode):
             result = self._take(message, functools.partial(add, message))
             if result is not None:
                 self._publish(result)
+        self._publish_batches()
 
     def _add_beat(self, message: BeatFrequency, arrival: float) -> RangeResult | None:
         return self._fusion.add_beat(from_message(message, Beat), arrival)
@@ -290,6 +301,8 @@ class FusionNode(ManagedNode):
         state.range_publisher.publish(to_message(result, RangeEstimate))
         if state.sensor_publisher.get_subscription_count():
             state.sensor_publisher.publish(self._sensor_message(result))
+        if state.batch_publisher.get_subscription_count():
+            state.gathering.add(result, time.monotonic())
         state.newest = result
         state.ranges += 1
         state.flagged += result.flags != Flag.VALID
@@ -297,6 +310,14 @@ class FusionNode(ManagedNode):
             asked = self._mode_requests.ask(result, self._mode.value, time.monotonic())
             if asked is not None:
                 self._logger.info(f'{"/".join(pair)}: {asked.short_name} mode asked for at {result.range:.1f} m')
+
+    def _publish_batches(self, whole: bool = False) -> None:
+        """Publish for displays what is due, after the ranges themselves; all that waits, once no range follows."""
+        now = time.monotonic()
+        for state in self._pairs.values():
+            batch = state.gathering.take(now) if whole or state.gathering.due(now) else None
+            if batch is not None:
+                state.batch_publisher.publish(to_message(batch, RangeBatch))
 
     def _sensor_message(self, result: RangeResult) -> Range:
         """Return the range for tools that know only the standard type (REP 117)."""

@@ -1,6 +1,7 @@
 """What all nodes that evaluate sweeps share: settings and sweeps from topics, results, warnings, diagnostics."""
 
 import collections
+import dataclasses
 import math
 import threading
 import time
@@ -24,14 +25,16 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
+from drfmcw_ros.messages import check, from_message, publish, stamp_ns, to_message
 from drfmcw_ros.operation.managed import ManagedNode
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.runner import run
+from drfmcw_ros.topics import DISPLAYED
 
 from .compression import CompressionError, decompress_message
 from .estimators.estimation import EstimatorSettings, Flag
 from .processing.early import EarlySweeps
+from .processing.excerpt import Excerpt
 from .processing.processor import StationProcessor
 from .processing.records import Beat, Spectrum, Sweep
 from .station_settings import SpectrumSettings, is_station_name
@@ -41,6 +44,16 @@ _MOST_REPORTS = 20  # different warnings in that time
 _LATCHED_DEPTH = 32  # settings for so many peers
 
 T = TypeVar('T')
+
+
+@dataclasses.dataclass(frozen=True)
+class _Publishers:
+    """Of one station's results: of all sweeps, and of the excerpt that displays get."""
+
+    beats: Any
+    spectra: Any
+    shown_beats: Any
+    shown_spectra: Any
 
 
 class SweepNode(ManagedNode):
@@ -70,7 +83,8 @@ class SweepNode(ManagedNode):
         self._first = qos.FirstTopics(self)  # settings and calibrations: before the sweeps that need them
         self._early = EarlySweeps(processor)
         self._sweep_subscriptions: dict[str, Any] = {}  # by topic, each matched with all publishers
-        self._results: dict[str, tuple[Any, Any]] = {}  # publishers of beats and spectra by station
+        self._results: dict[str, _Publishers] = {}  # by station
+        self._excerpt = Excerpt()
         self._seen: dict[str, int] = {}
         self._last_report = (0, 0)
         self._rate_time = time.monotonic()
@@ -95,9 +109,11 @@ class SweepNode(ManagedNode):
 
     def _publish_results_of(self, station: str, prefix: str) -> None:
         """Create the publishers of a station's results; `prefix` stands before the topics' last names."""
-        self._results[station] = (
+        self._results[station] = _Publishers(
             qos.publisher(self, BeatFrequency, f'{prefix}beat_frequency', qos.DEEP),
             qos.publisher(self, IfSpectrum, f'{prefix}if_spectrum', qos.RELIABLE),
+            qos.publisher(self, BeatFrequency, prefix + DISPLAYED['beat_frequency'], qos.RELIABLE),
+            qos.publisher(self, IfSpectrum, prefix + DISPLAYED['if_spectrum'], qos.RELIABLE),
         )
 
     def _start_diagnostics(self, hardware_id: str) -> Diagnostics:
@@ -208,19 +224,33 @@ class SweepNode(ManagedNode):
             self._evaluate(sweeps)
 
     def _evaluate(self, sweeps: Sequence[Sweep]) -> None:
-        """Publish beat frequencies and, where wanted and taken by somebody, spectra of a batch."""
-        wanted = self._spectrum.value
-        with self.lock:
-            taken = any(spectra.get_subscription_count() for _, spectra in self._results.values())
-            every = wanted.spectrum_decimation if wanted.spectrum and taken else 0
-            beats, spectra = self.processor.process_with_spectra(sweeps, every)
-        self._publish(beats, spectra)
+        """Publish beat frequencies and, where wanted and taken by somebody, spectra of a batch, and the excerpt."""
+        settings, topics = self._spectrum.value, self._results.values()
+        every = settings.spectrum_decimation if any(t.spectra.get_subscription_count() for t in topics) else 0
+        shown = any(t.shown_beats.get_subscription_count() or t.shown_spectra.get_subscription_count() for t in topics)
 
-    def _publish(self, beats: Sequence[Beat], spectra: Sequence[Spectrum] = ()) -> None:
+        def is_due(sweep: Sweep | Spectrum) -> bool:
+            return every > 0 and sweep.sweep_id % every == 0
+
+        def wanted(sweep: Sweep) -> bool:
+            chosen = shown and self._excerpt.choose(sweep)
+            return settings.spectrum and (chosen or is_due(sweep))
+
+        with self.lock:
+            self._excerpt.begin(time.monotonic())
+            beats, spectra = self.processor.process_with_spectra(sweeps, wanted)
+            results: list[Beat | Spectrum] = [*beats, *spectra] if shown else []
+            excerpt = [result for result in results if self._excerpt.holds(result)]
+        self._publish(beats)
+        for spectrum in filter(is_due, spectra):
+            self._results[spectrum.station].spectra.publish(to_message(spectrum, IfSpectrum))
+        for result in excerpt:
+            publishers = self._results[result.station]
+            publish(publishers.shown_beats if isinstance(result, Beat) else publishers.shown_spectra, result)
+
+    def _publish(self, beats: Sequence[Beat]) -> None:
         for beat in beats:
-            self._results[beat.station][0].publish(to_message(beat, BeatFrequency))
-        for spectrum in spectra:
-            self._results[spectrum.station][1].publish(to_message(spectrum, IfSpectrum))
+            self._results[beat.station].beats.publish(to_message(beat, BeatFrequency))
         self._note(beats)
 
     def _note(self, beats: Sequence[Beat]) -> None:
@@ -282,7 +312,8 @@ class SweepNode(ManagedNode):
         status.value('median SNR [dB]', float(np.median(snr)) if snr else math.nan)
         for reason, count in reasons.items():
             status.value(f'dropped: {reason}', count)
-        for beats, _ in self._results.values():
+        for publishers in self._results.values():
+            beats = publishers.beats
             status.value(f'subscribers of {beats.topic_name}', beats.get_subscription_count())
 
     def _diagnose_inputs(self, status: Status) -> None:

@@ -1,5 +1,6 @@
 """Beat frequencies against their truth, their own standard deviation and their promises. All random seeds are fixed."""
 
+import collections
 import dataclasses
 import math
 
@@ -12,8 +13,9 @@ from drfmcw_node.estimators.estimation import EstimatorSettings, Flag
 from drfmcw_node.estimators.registry import estimator
 from drfmcw_node.estimators.spectral import ChirpZ
 from drfmcw_node.processing.early import EarlySweeps
+from drfmcw_node.processing.excerpt import INTERVAL, Excerpt
 from drfmcw_node.processing.processor import StationProcessor
-from drfmcw_node.processing.records import Sweep
+from drfmcw_node.processing.records import Beat, Sweep
 from drfmcw_physics.bounds import additive_std
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.phase_noise import PhaseNoise
@@ -302,9 +304,42 @@ def test_spectra_are_decimated_by_sweep_number():
         processor.add_calibration(calibration(station))
     processor.add_sweep_config(FIRST)
     sweeps = [sweep_at(i + 1, i) for i in range(7)]
-    beats, spectra = processor.process_with_spectra(sweeps, every=3)
+    beats, spectra = processor.process_with_spectra(sweeps, lambda sweep: sweep.sweep_id % 3 == 0)
     assert [s.sweep_id for s in spectra] == [0, 3, 6] and len(beats) == 7
     assert processor.process(sweeps) == beats
+
+
+def test_excerpt_has_ten_sweeps_a_second_of_each_peer_with_line_and_spectrum():
+    """Sweeps of two peers, 200 a second of each, evaluated in batches of three; a dropped one is not missed."""
+    processor, excerpt = StationProcessor(), Excerpt()
+    for station in ('master', 'slave', 'tower'):
+        processor.add_calibration(calibration(station))
+    for peer in ('slave', 'tower'):
+        processor.add_sweep_config(dataclasses.replace(FIRST, peer=peer))
+    sweeps = [dataclasses.replace(sweep_at(1 + i, i), peer=('slave', 'tower')[i % 2]) for i in range(402)]
+    found = collections.defaultdict(list)
+    for i in range(0, len(sweeps), 3):
+        excerpt.begin(i / 400.0)
+        beats, spectra = processor.process_with_spectra(sweeps[i : i + 3], excerpt.choose)
+        assert [s.sweep_id for s in spectra] == [b.sweep_id for b in beats if excerpt.holds(b)]
+        assert all(excerpt.holds(spectrum) for spectrum in spectra)
+        for spectrum in spectra:
+            found[spectrum.peer].append(i / 400.0)
+    for times in found.values():
+        assert 9 <= len(times) <= 11 and min(np.diff(times)) >= INTERVAL
+    assert set(found) == {'slave', 'tower'}
+
+
+def test_excerpt_has_both_stations_of_a_pair():
+    excerpt = Excerpt()
+    excerpt.begin(5.0)
+    first = sweep_at(1, 3)
+    assert excerpt.choose(first) and not excerpt.choose(first)
+    of = dict(sweep_id=3, flags=0, frequency=1.0, frequency_std=1.0, phase=0.0, power=0.0, snr=0.0, stamp=1)
+    assert excerpt.holds(Beat('slave', 'master', **of)) and excerpt.holds(Beat('master', 'slave', **of))
+    assert not excerpt.holds(Beat('slave', 'tower', **of))
+    excerpt.begin(5.01)
+    assert not excerpt.holds(Beat('slave', 'master', **of))
 
 
 def test_sweeps_that_overtake_their_settings_wait_in_order_and_not_for_ever():

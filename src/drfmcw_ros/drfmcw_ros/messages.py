@@ -21,7 +21,7 @@ from drfmcw_physics.settings import ConfigurationError
 T = TypeVar('T')
 
 NANOSECONDS = 1_000_000_000
-_SEQUENCE_CODES = {'int16': 'h', 'uint8': 'B', 'float': 'f', 'double': 'd'}
+_SEQUENCE_CODES = {'int16': 'h', 'uint8': 'B', 'uint32': 'I', 'int64': 'q', 'uint64': 'Q', 'float': 'f', 'double': 'd'}
 
 
 def stamp_ns(time: Any) -> int:

@@ -6,7 +6,9 @@ STATION_TOPICS = {
     'if_samples': 'drfmcw_msgs/msg/IfSamples',
     'if_samples_compressed': 'drfmcw_msgs/msg/CompressedIfSamples',
     'if_spectrum': 'drfmcw_msgs/msg/IfSpectrum',
+    'if_spectrum_excerpt': 'drfmcw_msgs/msg/IfSpectrum',
     'beat_frequency': 'drfmcw_msgs/msg/BeatFrequency',
+    'beat_frequency_excerpt': 'drfmcw_msgs/msg/BeatFrequency',
     'status': 'drfmcw_msgs/msg/StationStatus',
     'sweep_request': 'drfmcw_msgs/msg/SweepConfig',
     'sweep_schedule': 'drfmcw_msgs/msg/SweepSchedule',
@@ -24,12 +26,20 @@ SITE_TOPICS = {
 
 PAIR_TOPICS = {
     'range': 'drfmcw_msgs/msg/RangeEstimate',
+    'range_batch': 'drfmcw_msgs/msg/RangeBatch',
     'range_sensor': 'sensor_msgs/msg/Range',
 }
 """Last name of a topic under /<first>/<second>: its type."""
 
 MEASURED_STATION_TOPICS = ('sweep_config', 'sweep_schedule', 'calibration', 'if_samples', 'status')
 """What a station measures or is set to; everything else is computed from it."""
+
+DISPLAYED = {
+    'if_spectrum': 'if_spectrum_excerpt',
+    'beat_frequency': 'beat_frequency_excerpt',
+    'range': 'range_batch',
+}
+"""Last name of a stream: that of its companion for displays, which costs the stream's publisher fewer messages."""
 
 _PER_PEER = ('sweep_config', 'sweep_request', 'sweep_schedule', 'schedule_request')
 _LATCHED = (*_PER_PEER, 'calibration')
@@ -43,6 +53,11 @@ def is_latched(topic: str) -> bool:
 def is_per_peer(topic: str) -> bool:
     """Return True for topics with one publisher per peer, so that each keeps the last message of its pair."""
     return topic.rsplit('/', 1)[-1] in _PER_PEER
+
+
+def is_for_displays(topic: str) -> bool:
+    """Return True for topics that repeat in fewer messages what another topic has."""
+    return topic.rsplit('/', 1)[-1] in DISPLAYED.values()
 
 
 def is_measured(topic: str) -> bool:

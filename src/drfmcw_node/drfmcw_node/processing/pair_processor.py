@@ -11,7 +11,7 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Role
 
 from ..estimators.pair import PairEstimator, pair_estimator
-from .processor import StationProcessor, refusal, wanted_spectra
+from .processor import StationProcessor, Wanted, refusal, wanted_spectra
 from .records import Beat, Spectrum, Sweep
 
 _WAITING_LIMIT = 4096  # sweeps that wait for their partner
@@ -63,11 +63,11 @@ class PairProcessor(StationProcessor):
 
     def _alone(self, sweeps: Sequence[Sweep]) -> list[Beat]:
         self.unpaired += len(sweeps)
-        return super()._process(sweeps, 0)[0]
+        return super()._process(sweeps, None)[0]
 
-    def _process(self, sweeps: Sequence[Sweep], every: int) -> tuple[list[Beat], list[Spectrum]]:
+    def _process(self, sweeps: Sequence[Sweep], wanted: Wanted) -> tuple[list[Beat], list[Spectrum]]:
         alone, pairs = self._matched(sweeps)
-        beats, spectra = super()._process(alone, every)
+        beats, spectra = super()._process(alone, wanted)
         groups: dict[int, tuple[PairEstimator, list[tuple[Sweep, Sweep]]]] = {}
         self.sweeps += 2 * len(pairs)
         for pair in pairs:
@@ -78,13 +78,13 @@ class PairProcessor(StationProcessor):
             else:
                 groups.setdefault(id(chosen), (chosen, []))[1].append(pair)
         for chosen, group in groups.values():
-            wanted = wanted_spectra([pair[0] for pair in group], every)
+            mask = wanted_spectra([pair[0] for pair in group], wanted)
             columns = list(zip(*group, strict=True))
             first, second = (np.stack([np.asarray(s.samples) for s in column]) for column in columns)
             scales = [np.array([s.full_scale for s in column]) for column in columns]
             self.pairs += len(group)
-            results = chosen(first, second, (scales[0], scales[1]), wanted)
-            found = [self._results(column, r, wanted) for column, r in zip(columns, results, strict=True)]
+            results = chosen(first, second, (scales[0], scales[1]), mask)
+            found = [self._results(column, r, mask) for column, r in zip(columns, results, strict=True)]
             for of_pair in zip(*(b for b, _ in found), strict=True):
                 beats.extend(of_pair)
             for of_pair in zip(*(s for _, s in found), strict=True):

@@ -7,7 +7,7 @@ independent of the batch, so both give bit-identical numbers.
 import collections
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ from drfmcw_physics.sweep import SweepSettings
 from ..estimators.estimation import Estimates, Estimator, EstimatorSettings, Flag
 from ..estimators.registry import estimator
 from .records import Beat, Spectrum, Sweep
+
+Wanted = Callable[[Sweep], bool] | None
+"""Says whether a sweep's spectrum is wanted; None: no sweep's."""
 
 OTHER_REASONS = 'other reasons'
 """Stands for what no longer counts by itself."""
@@ -109,13 +112,15 @@ class StationProcessor:
 
     def process(self, sweeps: Sequence[Sweep]) -> list[Beat]:
         """Return the beat frequencies of sweeps that can be evaluated, in order; the others count in `dropped`."""
-        return self._process(sweeps, 0)[0]
+        return self._process(sweeps, None)[0]
 
-    def process_with_spectra(self, sweeps: Sequence[Sweep], every: int = 1) -> tuple[list[Beat], list[Spectrum]]:
-        """Return the beat frequencies, and the magnitude spectra of sweeps whose number is a multiple of `every`."""
-        return self._process(sweeps, every)
+    def process_with_spectra(
+        self, sweeps: Sequence[Sweep], wanted: Callable[[Sweep], bool]
+    ) -> tuple[list[Beat], list[Spectrum]]:
+        """Return the beat frequencies, and the magnitude spectra of sweeps for which `wanted`, called once, is True."""
+        return self._process(sweeps, wanted)
 
-    def _process(self, sweeps: Sequence[Sweep], every: int) -> tuple[list[Beat], list[Spectrum]]:
+    def _process(self, sweeps: Sequence[Sweep], wanted: Wanted) -> tuple[list[Beat], list[Spectrum]]:
         groups: dict[int, tuple[Estimator, list[int], list[np.ndarray]]] = {}
         for index, sweep in enumerate(sweeps):
             chosen = self._estimator(sweep)
@@ -135,9 +140,9 @@ class StationProcessor:
         spectra: list[Spectrum | None] = [None] * len(sweeps)
         for chosen, indices, rows in groups.values():
             group = [sweeps[i] for i in indices]
-            wanted = wanted_spectra(group, every)
-            result = chosen(np.stack(rows), np.array([s.full_scale for s in group]), wanted)
-            of_group = self._results(group, result, wanted)
+            mask = wanted_spectra(group, wanted)
+            result = chosen(np.stack(rows), np.array([s.full_scale for s in group]), mask)
+            of_group = self._results(group, result, mask)
             for index, beat, spectrum in zip(indices, *of_group, strict=True):
                 beats[index], spectra[index] = beat, spectrum
         return [b for b in beats if b is not None], [s for s in spectra if s is not None]
@@ -152,13 +157,13 @@ class StationProcessor:
         return shares_noise(before[1], samples)
 
     def _results(
-        self, sweeps: Sequence[Sweep], result: Estimates, wanted: np.ndarray | None
+        self, sweeps: Sequence[Sweep], result: Estimates, mask: np.ndarray | None
     ) -> tuple[list[Beat], list[Spectrum | None]]:
         """Return the results of sweeps evaluated together, None for a spectrum not wanted; counts weak lines."""
         spectra: list[Spectrum | None] = [None] * len(sweeps)
-        if wanted is not None and result.spectrum is not None:
+        if mask is not None and result.spectrum is not None:
             window = self._settings.window
-            for row, magnitude in zip(np.flatnonzero(wanted).tolist(), result.spectrum, strict=True):
+            for row, magnitude in zip(np.flatnonzero(mask).tolist(), result.spectrum, strict=True):
                 spectra[row] = _spectrum(sweeps[row], window, result, magnitude)
         self.weak += int(np.count_nonzero(result.flags & np.uint8(Flag.WEAK_SIGNAL)))
         return _beats(sweeps, result), spectra
@@ -214,12 +219,12 @@ def _holding(history: History | None, stamp: int) -> Any:
     return None if found is None else found[1]
 
 
-def wanted_spectra(sweeps: Sequence[Sweep], every: int) -> np.ndarray | None:
-    """Return which sweeps' spectra are wanted: numbers that are multiples of `every`; None for none of them."""
-    if every <= 0:
+def wanted_spectra(sweeps: Sequence[Sweep], wanted: Wanted) -> np.ndarray | None:
+    """Return which sweeps' spectra are wanted; None for none of them."""
+    if wanted is None:
         return None
-    wanted = np.array([s.sweep_id % every == 0 for s in sweeps])
-    return wanted if wanted.any() else None
+    mask = np.array([wanted(sweep) for sweep in sweeps])
+    return mask if mask.any() else None
 
 
 def refusal(sweep: Sweep, samples: np.ndarray, sample_count: int) -> str:

@@ -20,7 +20,7 @@ from ..cli import Parser, guarded, split_ros_arguments
 from ..diagnostics import ERROR, WARN, Diagnostics, Status
 from ..messages import message_class
 from ..runner import Finished, run
-from ..topics import is_latched, is_measured
+from ..topics import is_for_displays, is_latched, is_measured
 from .background import BackgroundWriter, State
 from .files import STORAGES, BagWriter, UnwritableError, typestore
 
@@ -92,7 +92,7 @@ class RecorderNode(Node):
             self.get_logger().info(f'recording {topic}')
 
     def _wanted(self, topic: str) -> bool:
-        if self._settings.measured_only and not is_measured(topic):
+        if is_for_displays(topic) or (self._settings.measured_only and not is_measured(topic)):
             return False
         return any(fnmatch.fnmatchcase(topic, pattern) for pattern in self._settings.patterns)
 

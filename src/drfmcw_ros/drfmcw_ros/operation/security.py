@@ -9,6 +9,8 @@ from xml.sax.saxutils import quoteattr
 
 from drfmcw_physics.settings import ConfigurationError
 
+from ..topics import DISPLAYED
+
 _REQUESTS = ('sweep_request', 'schedule_request')  # of fusion to a station
 _LIBRARY = 'libfastrtps.so'
 _PLUGIN = b'builtin.PKI-DH'
@@ -83,7 +85,8 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
     for station in stations:
         peers = sorted({name for pair in pairs if station in pair for name in pair} - {station})
         own = [f'/{station}/{name}' for name in ('sweep_config', 'calibration')]
-        results = [f'/{station}/{name}' for name in ('beat_frequency', 'if_spectrum', 'if_samples_compressed')]
+        streams = ('beat_frequency', 'if_spectrum', 'if_samples_compressed')
+        results = [f'/{station}/{name}' for name in (*streams, *(DISPLAYED[s] for s in streams if s in DISPLAYED))]
         heard = [f'/{peer}/{name}' for peer in peers for name in ('calibration', 'status')]
         if feed:
             results += [*own, f'/{station}/sweep_schedule', f'/{station}/status']
@@ -100,8 +103,9 @@ def rights(pairs: Sequence[tuple[str, str]], feed: bool = False) -> list[NodeRig
         for name in ('sweep_config', 'sweep_schedule', 'calibration', 'status', 'beat_frequency')
     ]
     ranges = [f'/{first}/{second}/{name}' for first, second in pairs for name in ('range', 'range_sensor')]
+    batches = [f'/{first}/{second}/{DISPLAYED["range"]}' for first, second in pairs]
     requests = [f'/{station}/{name}' for station in stations for name in _REQUESTS]
-    found.append(NodeRights('/', 'fusion', ('/diagnostics', *ranges, *requests), (*site, *of_stations)))
+    found.append(NodeRights('/', 'fusion', ('/diagnostics', *ranges, *batches, *requests), (*site, *of_stations)))
     recorded = [f'/{station}/{name}' for station in stations for name in ('if_samples', 'if_spectrum')]
     everything = (*site, '/reference/range', '/diagnostics', *of_stations, *recorded, *ranges)
     found.append(NodeRights('/', 'recorder', ('/diagnostics',), everything, managed=False))
