@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from drfmcw_msgs.msg import (
     BeatFrequency,
     IfSpectrum,
+    RangeBatch,
     RangeEstimate,
     ReferenceRange,
     StationCalibration,
@@ -30,10 +31,11 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.diagnostics import Diagnostics, Status
 from drfmcw_ros.messages import from_message, stamp_ns
+from drfmcw_ros.topics import DISPLAYED
 
 from .files.calibrations import Calibrations
-from .state.decoding import range_reading
-from .state.readings import Diagnostic, Health, Line, LogLine, SiteReading, SpectrumReading, decimated
+from .state.decoding import batch_readings, range_reading
+from .state.readings import Diagnostic, Health, Line, LogLine, RangeReading, SiteReading, SpectrumReading, decimated
 from .state.store import Store
 
 _TICK = 1.0 / 30.0  # between two samplings [s]
@@ -119,6 +121,7 @@ class HostNode(Node):
         self._shown: set[str] = set()  # stations whose signals a browser shows
         self._stations: set[str] = set()
         self._pairs: set[str] = set()
+        self._heard: dict[str, str] = {}  # stream of the contract: the topic that is subscribed to, it or its companion
         self._orders: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.nodes: list[str] = []
         """Full names of the nodes in the graph."""
@@ -159,6 +162,9 @@ class HostNode(Node):
         created = self._sampler.create_subscription(kind, topic, lambda _: None, profile)
         self._sampled[topic] = _Sampled(created, kind, take, profile.depth, always, raw)
 
+    def _unsample(self, topic: str) -> None:
+        self._sampler.destroy_subscription(self._sampled.pop(topic).subscription)
+
     def _listen_to_site(self, topic: str, kind: type, field: str) -> None:
         def take(message: Any) -> None:
             value, stamp = float(getattr(message, field)), stamp_ns(message.header.stamp)
@@ -175,6 +181,10 @@ class HostNode(Node):
             for kind in kinds:
                 if kind in _STATION_TYPES and len(parts) == 2 and parts[1] == _STATION_TYPES[kind]:
                     self._follow_station(parts[0])
+        for name in self._pairs:
+            self._hear_ranges(name)
+        for name in self._shown:
+            self._hear_signals(name)
         self.nodes = sorted(
             f'{space.rstrip("/")}/{name}' for name, space in self.get_node_names_and_namespaces() if name
         )
@@ -184,11 +194,41 @@ class HostNode(Node):
         if name in self._pairs or self.store.pair(name) is None:
             return
         self._pairs.add(name)
-        self._sample(
-            f'/{name}/range', RangeEstimate, lambda m, t: self._take_ranges(name, m, t), newest(400), True, True
-        )
         self._follow_station(first)
         self._follow_station(second)
+
+    def _companion(self, stream: str) -> str | None:
+        """Return the topic to take for a stream: its companion for displays where somebody publishes that.
+
+        A reader of every message costs the publisher time before it comes to the next one. But a recording that is
+        played may have the stream alone. None where the right one is subscribed to.
+        """
+        space, _, last = stream.rpartition('/')
+        companion = f'{space}/{DISPLAYED[last]}'
+        topic = companion if self.count_publishers(companion) else stream
+        heard = self._heard.get(stream)
+        if heard == topic:
+            return None
+        if heard is not None:
+            self._unsample(heard)
+        self._heard[stream] = topic
+        return topic
+
+    def _hear_ranges(self, name: str) -> None:
+        topic = self._companion(f'/{name}/range')
+        if topic == f'/{name}/range':
+            self._sample(topic, RangeEstimate, lambda m, t: self._take_ranges(name, m, t), newest(400), True, True)
+        elif topic is not None:
+            self._sample(topic, RangeBatch, lambda m, t: self._take_batches(name, m, t), newest(100), True)
+
+    def _hear_signals(self, name: str) -> None:
+        for last, kind, taker, depth in (
+            ('if_spectrum', IfSpectrum, self._spectrum_taker, 4),
+            ('beat_frequency', BeatFrequency, self._line_taker, 8),
+        ):
+            topic = self._companion(f'/{name}/{last}')
+            if topic is not None:
+                self._sample(topic, kind, taker(name), newest(depth))
 
     def _follow_station(self, name: str) -> None:
         if name in self._stations or self.store.station(name) is None:
@@ -213,11 +253,10 @@ class HostNode(Node):
         if self.store.signals_wanted:
             for name in self._stations - self._shown:
                 self._shown.add(name)
-                self._sample(f'/{name}/if_spectrum', IfSpectrum, self._spectrum_taker(name), newest(4))
-                self._sample(f'/{name}/beat_frequency', BeatFrequency, self._line_taker(name), newest(8))
+                self._hear_signals(name)
         elif self._shown:
-            for topic in [f'/{name}/{last}' for name in self._shown for last in ('if_spectrum', 'beat_frequency')]:
-                self._sampler.destroy_subscription(self._sampled.pop(topic).subscription)
+            for stream in [f'/{name}/{last}' for name in self._shown for last in ('if_spectrum', 'beat_frequency')]:
+                self._unsample(self._heard.pop(stream))
             with self.store.lock:
                 for name in self._shown:
                     self.store.stations[name].forget_signals()
@@ -230,6 +269,19 @@ class HostNode(Node):
             self.get_logger().warning(f'ranges of {name}: {error}', throttle_duration_sec=10.0)
             return
         self.store.add_ranges(name, readings, received)
+
+    def _take_batches(self, name: str, messages: list[RangeBatch], received: list[int]) -> None:
+        readings: list[RangeReading] = []
+        arrived: list[int] = []
+        for message, at in zip(messages, received, strict=True):
+            try:
+                of_batch = batch_readings(message)
+            except ValueError as error:
+                self.get_logger().warning(f'ranges of {name}: {error}', throttle_duration_sec=10.0)
+                continue
+            readings += of_batch
+            arrived += [at - round(age * 1e9) for age in message.age]
+        self.store.add_ranges(name, readings, arrived)
 
     def _take_references(self, messages: list[Any], received: list[int]) -> None:
         for m in messages:

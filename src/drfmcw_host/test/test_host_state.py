@@ -5,17 +5,20 @@ import time
 
 import numpy as np
 import pytest
-from drfmcw_msgs.msg import RangeEstimate
+from drfmcw_msgs.msg import RangeBatch, RangeEstimate
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
-from drfmcw_host.state.decoding import range_reading
+from drfmcw_fusion.batch import Gathering
+from drfmcw_fusion.pipeline import RangeResult
+from drfmcw_host.state.decoding import batch_readings, range_reading
 from drfmcw_host.state.freshness import STALE_AFTER, Arrivals
 from drfmcw_host.state.history import WINDOWS, History
 from drfmcw_host.state.readings import Diagnostic, LogLine, RangeReading, SiteReading, decimated
 from drfmcw_host.state.store import Store
 from drfmcw_host.state.verdicts import Span, Verdicts
+from drfmcw_ros.messages import to_message
 
 SECOND = 1_000_000_000
 
@@ -198,3 +201,40 @@ def test_bytes_are_read_as_ros_reads_them(strings, numbers, whole):
     )
     with pytest.raises(ValueError, match='RangeEstimate of'):
         range_reading(data[:40])
+
+
+def batch(distances, sweep_id=0, interval=0.001):
+    """A RangeBatch as it arrives from fusion, of ranges published one after the other, the newest just now."""
+    gathering = Gathering()
+    rest = [math.nan] * 8  # fields that no display gets
+    for i, distance in enumerate(distances):
+        gathering.add(RangeResult(i, '', 'a', 'b', sweep_id + i, 1, 4, distance, 0.002, 0.5, *rest), i * interval)
+    message = to_message(gathering.take((len(distances) - 1) * interval), RangeBatch)
+    return deserialize_message(serialize_message(message), RangeBatch)
+
+
+def test_no_outlier_of_a_batch_is_lost():
+    """One range of 25 is far off: history, rate and count show all of them, each at its own time."""
+    message = batch([100.0] * 7 + [160.0] + [100.0] * 17, sweep_id=40)
+    readings = batch_readings(message)
+    assert [r.sweep_id for r in readings] == list(range(40, 65)) and readings[-1].stamp == 24
+    assert {(r.mode, r.flags, r.range_std, r.velocity) for r in readings} == {(1, 4, 0.002, 0.5)}
+    now = time.time_ns()
+    arrived = [now - round(age * 1e9) for age in message.age]
+    assert np.diff(arrived) == pytest.approx(1e6, abs=2)
+    store = Store(clock=lambda: 1000.0)
+    store.add_ranges('a/b', readings, arrived)
+    pair = store.pairs['a/b']
+    assert (pair.count, pair.newest, pair.rate(1000.0)) == (25, readings[-1], 25.0)
+    assert pair.histories['range'].curve(10, now).high.max() == 160.0
+
+
+def test_a_batch_that_cannot_be_is_refused():
+    short, old = batch([1.0, 2.0]), batch([1.0, 2.0])
+    short.flags.pop()
+    for age in (math.nan, -1e-3, 1e300):
+        old.age[0] = age
+        with pytest.raises(ValueError, match='age'):
+            batch_readings(old)
+    with pytest.raises(ValueError, match='1 to 2 elements'):
+        batch_readings(short)
