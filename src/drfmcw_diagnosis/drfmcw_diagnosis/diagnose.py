@@ -62,6 +62,9 @@ def _run(arguments: argparse.Namespace, command: str) -> int:
         raise ConfigurationError(f'--false-alarm-rate = {arguments.false_alarm_rate:g} is not between 0 and 1')
     if arguments.jobs < 1:
         raise ConfigurationError(f'--jobs = {arguments.jobs} is not at least 1')
+    for option, file in (('--json', arguments.json), ('--html', arguments.html)):
+        if file == '-':
+            raise ConfigurationError(f'{option} -: is no file name, and the standard output is not written to')
     without = tuple(filter(None, (name.strip() for name in arguments.without.split(','))))
     out = Path(arguments.out) if arguments.out else None
     if len(arguments.recordings) > 1 or arguments.scheduler:

@@ -21,6 +21,7 @@ from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from drfmcw_node.processing.records import Beat
+from drfmcw_physics.history import LIVE
 from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.plausible import printable
@@ -147,7 +148,7 @@ class FusionNode(ManagedNode):
 
     def configure(self) -> None:
         """Create the topics, and begin without anything known."""
-        self._fusion = RangeFusion(self._settings.value, self._integrity.value)
+        self._fusion = RangeFusion(self._settings.value, self._integrity.value, kept=LIVE)
         self._first = qos.FirstTopics(self)  # settings, calibrations, weather: before the beats that need them
         self._pairs: dict[tuple[str, str], _PairState] = {}
         for pair in self._pair_settings.value.pairs:

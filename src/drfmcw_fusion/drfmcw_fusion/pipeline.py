@@ -10,7 +10,7 @@ from drfmcw_node.estimators.estimation import Flag as BeatFlag
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_physics.history import History
+from drfmcw_physics.history import WHOLE, History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
 
@@ -115,8 +115,11 @@ class RangeFusion:
     live and offline.
     """
 
-    def __init__(self, settings: FusionSettings | None = None, integrity: IntegritySettings | None = None) -> None:
-        """Start without any sweep settings, calibration or weather."""
+    def __init__(
+        self, settings: FusionSettings | None = None, integrity: IntegritySettings | None = None, kept: int = WHOLE
+    ) -> None:
+        """Start without any sweep settings, calibration or weather; of each so many values are `kept`."""
+        self._kept = kept
         self._settings = settings or FusionSettings()
         self._integrity = integrity or IntegritySettings()
         self._sweeps: dict[tuple[str, str], History[SweepSettings]] = {}
@@ -124,7 +127,7 @@ class RangeFusion:
         self._board_temperatures: dict[str, History[float]] = {}
         self._locks: dict[str, History[bool]] = {}
         names = ('temperature', 'pressure', 'humidity')
-        self._weather: dict[str, History[tuple[float, float]]] = {name: History() for name in names}  # reading, std
+        self._weather: dict[str, History[tuple[float, float]]] = {name: History(kept) for name in names}  # reading, std
         self._newest_weather: tuple[tuple | None, Weather] = None, Weather(math.nan, math.nan, math.nan)
         self._waiting: dict[tuple[str, str], OrderedDict[int, tuple[Beat, float]]] = {}
         self._monitors: dict[tuple[str, str], PairMonitor] = {}
@@ -165,19 +168,19 @@ class RangeFusion:
 
     def add_sweep_config(self, sweep: SweepSettings) -> None:
         """Take in a station's settings for one peer."""
-        self._sweeps.setdefault((sweep.station, sweep.peer), History()).add(sweep.stamp, sweep)
+        self._sweeps.setdefault((sweep.station, sweep.peer), History(self._kept)).add(sweep.stamp, sweep)
 
     def add_calibration(self, calibration: Calibration) -> None:
         """Take in a station's calibration."""
-        self._calibrations.setdefault(calibration.station, History()).add(calibration.stamp, calibration)
+        self._calibrations.setdefault(calibration.station, History(self._kept)).add(calibration.stamp, calibration)
 
     def add_board_temperature(self, station: str, stamp: int, temperature: float) -> None:
         """Take in a station's board temperature [degC]."""
-        self._board_temperatures.setdefault(station, History()).add(stamp, temperature)
+        self._board_temperatures.setdefault(station, History(self._kept)).add(stamp, temperature)
 
     def add_lock(self, station: str, stamp: int, locked: bool) -> None:
         """Take in whether a station's PLL is locked."""
-        self._locks.setdefault(station, History()).add(stamp, locked)
+        self._locks.setdefault(station, History(self._kept)).add(stamp, locked)
 
     def add_weather(self, quantity: str, stamp: int, value: float, std: float = 0.0) -> None:
         """Take in a reading of 'temperature' [degC], 'pressure' [Pa] or 'humidity' [0..1]; NaN is ignored.

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+from drfmcw_physics.history import LIVE
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import WARN, Status
 from drfmcw_ros.parameters import SettingsParameters
@@ -24,7 +25,7 @@ class PairStationNode(SweepNode):
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare the parameters, then begin; `kwargs` go to rclpy's Node."""
-        super().__init__('pair_station', PairProcessor(), PairEstimatorSettings, **kwargs)
+        super().__init__('pair_station', PairProcessor(kept=LIVE), PairEstimatorSettings, **kwargs)
         self._settings = settings = SettingsParameters(self, PairStationSettings).value
         check_pair(settings)
         self._pairs = [{settings.first, second} for second in settings.seconds]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from drfmcw_msgs.msg import CompressedIfSamples
 
+from drfmcw_physics.history import LIVE
 from drfmcw_physics.plausible import printable
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
@@ -50,7 +51,7 @@ class StationNode(SweepNode):
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare the parameters, then begin; `kwargs` go to rclpy's Node."""
-        super().__init__('station', StationProcessor(), **kwargs)
+        super().__init__('station', StationProcessor(kept=LIVE), **kwargs)
         namespace = self.get_namespace().strip('/')
         self._settings = SettingsParameters(self, StationSettings, StationSettings(namespace.rpartition('/')[2]))
         settings = self._settings.value

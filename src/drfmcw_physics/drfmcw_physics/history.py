@@ -6,11 +6,17 @@ from typing import Generic, TypeVar
 
 T = TypeVar('T')
 
+WHOLE = 100_000
+"""Values of one kind that are kept, at most, where those of a whole recording are given before its sweeps."""
+
+LIVE = 4096
+"""The same in a node: an hour of readings once a second, and no sweep arrives an hour late."""
+
 
 class History(Generic[T]):
     """Values in order of their stamps; the newest not later than a stamp is the one that holds there."""
 
-    def __init__(self, limit: int = 100_000) -> None:
+    def __init__(self, limit: int = WHOLE) -> None:
         """Keep at most `limit` values, dropping the oldest."""
         self._stamps: list[int] = []
         self._values: list[T] = []

@@ -6,13 +6,14 @@ independent of the batch, so both give bit-identical numbers.
 
 import collections
 import contextlib
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from drfmcw_physics.history import History
+from drfmcw_physics.history import WHOLE, History
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
@@ -37,12 +38,13 @@ _LONGEST_REASON = 120
 class StationProcessor:
     """Turns sweeps of any stations into beat frequencies."""
 
-    def __init__(self, settings: EstimatorSettings | None = None) -> None:
-        """Start without settings of the sweep and without calibrations."""
+    def __init__(self, settings: EstimatorSettings | None = None, kept: int = WHOLE) -> None:
+        """Start without settings of the sweep and without calibrations; of each so many values are `kept`."""
+        history = functools.partial(History, kept)
         self._settings = settings or EstimatorSettings()
-        self._sweep_settings: dict[tuple[str, str], History[SweepSettings]] = collections.defaultdict(History)
-        self._calibrations: dict[str, History[Calibration]] = collections.defaultdict(History)
-        self._board_temperatures: dict[str, History[float]] = collections.defaultdict(History)
+        self._sweep_settings: dict[tuple[str, str], History[SweepSettings]] = collections.defaultdict(history)
+        self._calibrations: dict[str, History[Calibration]] = collections.defaultdict(history)
+        self._board_temperatures: dict[str, History[float]] = collections.defaultdict(history)
         self._at_temperature: dict[tuple[int, int], Calibration] = {}  # by calibration and step of temperature
         self._estimators: dict[tuple, Estimator | str] = {}
         self._newest_samples: dict[tuple[str, str], tuple[int, np.ndarray]] = {}

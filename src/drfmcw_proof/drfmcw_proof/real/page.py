@@ -178,7 +178,8 @@ def _controls(controls: Sequence[Control]) -> list[str]:
     invented = [c for c in controls if c.invented]
     lines = [
         f'Halves of the recordings as they are: in {len(invented)} of {len(controls)} an effect is named that the '
-        'whole recording does not show.',
+        'whole recording does not show. Behind a limit no bursts are searched for, so sweeps that stay below it may show '
+        'more than the whole.',
         '',
         '| recording | sweeps | invented |',
         '|---|---|---|',

@@ -13,6 +13,7 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.pair_processor import PairProcessor
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_node.processing.records import Beat, Sweep
+from drfmcw_physics.history import LIVE
 from drfmcw_physics.mode import choose_mode
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.messages import ImplausibleError
@@ -150,7 +151,7 @@ def _settings(case: Case, m: Measurements) -> list[SweepSettings]:
 def processor_of(case: Case, scenario: Scenario, m: Measurements) -> StationProcessor:
     """Return a processor of both stations that knows settings and calibrations."""
     settings = EstimatorSettings(estimator=case.estimator)
-    processor = PairProcessor(settings) if case.estimator == 'pair' else StationProcessor(settings)
+    processor = PairProcessor(settings, LIVE) if case.estimator == 'pair' else StationProcessor(settings, LIVE)
     for sweep in _settings(case, m):
         processor.add_sweep_config(sweep)
         processor.add_calibration(scenario.calibration(sweep.station))
@@ -168,7 +169,7 @@ def beats_of(case: Case, scenario: Scenario, m: Measurements, sweeps: list[Sweep
 
 def fresh_fusion(case: Case, scenario: Scenario, m: Measurements) -> RangeFusion:
     """Return a fusion that knows settings, calibrations, weather and what else the fault says."""
-    fusion = RangeFusion()
+    fusion = RangeFusion(kept=LIVE)
     start = round(scenario.timing.start_time * NANOSECONDS)
     begin = start + round(CLEAN * INTERVAL * NANOSECONDS)
     give_weather(fusion, start - 1)
