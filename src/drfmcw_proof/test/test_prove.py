@@ -331,6 +331,12 @@ def test_an_unknown_effect_to_leave_out_is_one_line_and_status_2(capsys):
     assert error.count('\n') == 1 and "'spurr'; did you mean 'spur'?" in error
 
 
+def test_a_finding_is_not_written_to_a_file_named_minus(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert diagnose([str(DATA / 'recording_0'), '--json', '-']) == 2
+    assert capsys.readouterr().err.count('\n') == 1 and not list(tmp_path.iterdir())
+
+
 def record(number, group, kind, sealed, said, apart=(), separated=None):
     """Return a case as it is stored; None: no finding."""
     failed = {'outcome': 'failed', 'reason': 'a | in a line', 'named': [], 'pulls': [], 'apart': []}
