@@ -178,8 +178,7 @@ def _controls(controls: Sequence[Control]) -> list[str]:
     invented = [c for c in controls if c.invented]
     lines = [
         f'Halves of the recordings as they are: in {len(invented)} of {len(controls)} an effect is named that the '
-        'whole recording does not show. Behind a limit no bursts are searched for, so sweeps that stay below it may show '
-        'more than the whole.',
+        'whole recording does not show, nor if what it shows is left out: behind a limit bursts are not searched for.',
         '',
         '| recording | sweeps | invented |',
         '|---|---|---|',
