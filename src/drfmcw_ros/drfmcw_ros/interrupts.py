@@ -2,7 +2,8 @@
 
 Python raises the exception of a signal wherever it is just then. In a destructor, or in the callback of a weak
 reference, it says 'Exception ignored' and goes on; importing a module runs such callbacks, and so does a collection of
-garbage. The Ctrl-C would be lost, and a process go on for ever.
+garbage. The Ctrl-C would be lost, and a process go on for ever. An object of rclpy whose making it breaks off lacks what
+its destructor asks for: that is no news.
 """
 
 import os
@@ -22,10 +23,18 @@ def keep() -> None:
 
     def hook(unraisable: Any) -> None:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-            before(unraisable)
+            if not _broken_off(unraisable):
+                before(unraisable)
             return
         again = threading.Timer(_PAUSE, os.kill, (os.getpid(), signal.SIGINT))
         again.daemon = True
         again.start()
 
     sys.unraisablehook = hook
+
+
+def _broken_off(unraisable: Any) -> bool:
+    """Return whether a destructor of rclpy met an object that was never complete."""
+    destructor = unraisable.object
+    of_rclpy = getattr(destructor, '__module__', '').partition('.')[0] == 'rclpy'
+    return of_rclpy and getattr(destructor, '__name__', '') == '__del__' and unraisable.exc_type is AttributeError
