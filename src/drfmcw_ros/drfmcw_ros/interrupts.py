@@ -2,8 +2,8 @@
 
 Python raises the exception of a signal wherever it is just then. In a destructor, or in the callback of a weak
 reference, it says 'Exception ignored' and goes on; importing a module runs such callbacks, and so does a collection of
-garbage. The Ctrl-C would be lost, and a process go on for ever. An object of rclpy whose making it breaks off lacks what
-its destructor asks for: that is no news.
+garbage. The Ctrl-C would be lost, and a process go on for ever. An object of rclpy whose making it breaks off lacks
+what its destructor asks for: that is no news.
 """
 
 import os
