@@ -31,7 +31,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros import qos
 from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import check, from_message, stamp_ns, to_message
+from drfmcw_ros.messages import check, from_message, publish, stamp_ns, to_message
 from drfmcw_ros.operation.managed import ManagedNode
 from drfmcw_ros.parameters import SettingsParameters
 from drfmcw_ros.publishers import Publishers
@@ -318,7 +318,7 @@ class FusionNode(ManagedNode):
         for state in self._pairs.values():
             batch = state.gathering.take(now) if whole or state.gathering.due(now) else None
             if batch is not None:
-                state.batch_publisher.publish(to_message(batch, RangeBatch))
+                publish(state.batch_publisher, batch)
 
     def _sensor_message(self, result: RangeResult) -> Range:
         """Return the range for tools that know only the standard type (REP 117)."""

@@ -231,7 +231,8 @@ class BagReader:
     @property
     def older(self) -> dict[str, list[str]]:
         """{type: fields that it lacks} of types that were recorded by an older definition of ours."""
-        converters = {c.msgtype: self._converter(c) for c in self.connections if c.topic in self.readable}
+        readable = self.readable
+        converters = {c.msgtype: self._converter(c) for c in self.connections if c.topic in readable}
         return {kind: list(change.added) for kind, change in converters.items() if change is not None}
 
     def require(self, topic: str) -> None:
@@ -300,7 +301,7 @@ class BagReader:
                 self.damages.append(self._left_out_line(topic, found))
                 _note(self.damages[-1])
 
-    def _left_out_line(self, topic: str, found: '_Undecodable') -> str:
+    def _left_out_line(self, topic: str, found: _Undecodable) -> str:
         [total] = [c.msgcount for c in self.connections if c.topic == topic]
         which = f'{found.count} of {total} messages' if self._skip else 'message'
         begin = (found.first - self.start_time) * 1e-9

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from .joint import Fitted, assembled, modelled, simulated
+from .joint import Fitted, modelled, simulated
 from .limits import NAMING
 from .model import Scene
-from .tracks import basis, slopes
+from .tracks import assembled, basis, slopes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,17 +49,15 @@ def agreement(s: Scene, found: Fitted) -> Agreement | None:
     """
     if not found.candidates or not found.candidates[-1].kind.shapes_chirp or len(found.tracks) < 2:
         return None
-    sweeps, lines = s.fitted, len(found.tracks)
+    sweeps = s.fitted
     solved, whole = modelled(sweeps, found.tracks, simulated(s, found.candidates))
     factor = simulated(s, found.candidates[-1:]).factors(found.tracks.at(sweeps.place))
     bent = solved.waves * 1j * np.unwrap(np.angle(factor), axis=-1) * solved.phasor[..., None]
     jacobian = np.concatenate([slopes(sweeps, solved), bent if sweeps.iq else bent.real], axis=1)
-    full, right = assembled(
-        sweeps, solved, whole, jacobian, basis(sweeps.place, found.tracks.frequency.shape[1]), lines
-    )
-    scale = np.sqrt(np.maximum(np.diag(full), 1e-30))
-    inverse = np.linalg.pinv(full / np.outer(scale, scale) + NAMING.ridge * np.eye(len(scale))) / np.outer(scale, scale)
+    b = basis(sweeps.place, found.tracks.frequency.shape[1])
+    normal = assembled(sweeps, solved, whole, jacobian, b)
+    inverse = normal.inverse(NAMING.ridge)
     each = s.floor.mean / (2.0 if sweeps.iq else 1.0) * max(found.misfit, 1.0)
-    first = lines * found.tracks.frequency.shape[1]
+    first = found.tracks.frequency.size
     std = np.sqrt(np.maximum(np.diag(inverse)[first:] * each, 1e-30))
-    return Agreement(1.0 + (inverse @ right)[first:], std)
+    return Agreement(1.0 + (inverse @ normal.right)[first:], std)

@@ -12,7 +12,7 @@ from .limits import FORWARD
 from .misfit import Misfit
 from .model import Scene, judged_by
 from .simulated import Simulated
-from .tracks import Solved, Sweeps, Tracks, basis, slopes, solve, strongest, waves
+from .tracks import Solved, Sweeps, Tracks, assembled, basis, slopes, solve, strongest, waves
 from .warps import later as later_by
 from .warps import resampled
 
@@ -77,21 +77,18 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
     damping, covariance = FORWARD.damping, np.zeros((len(names), len(names)))
     lines = len(tracks)
     for _ in range(rounds):
-        at, solved = tracks, found
 
-        def made(values: np.ndarray, at: Tracks = at, solved: Solved = solved) -> np.ndarray:
+        def made(values: np.ndarray, at: Tracks = tracks, solved: Solved = found) -> np.ndarray:
             return heard_by(sweeps, at, simulated(s, with_values(values)), solved.phasor, solved.constant)
 
         columns = [_derivative(made, whole, point, k, steps, bounds[k]) for k in range(len(names))]
         jacobian = slopes(sweeps, found)
         if columns:
             jacobian = np.concatenate([jacobian, np.stack(columns, axis=1)], axis=1)
-        full, right = assembled(sweeps, found, whole, jacobian, b, lines)
-        scale = np.sqrt(np.maximum(np.diag(full), 1e-30))
-        scaled = full / np.outer(scale, scale)
+        normal = assembled(sweeps, found, whole, jacobian, b)
         improved = False
         for _ in range(FORWARD.trials):
-            step_all = np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale
+            step_all = normal.step(damping)
             change = np.clip(step_all[: lines * order].reshape(lines, order), -most, most)
             values = np.clip(point + step_all[lines * order :], low, high)
             trial = attempt(values, Tracks(tracks.frequency + change))
@@ -99,8 +96,7 @@ def fit(s: Scene, sweeps: Sweeps, tracks: Tracks, candidates: Sequence[Candidate
                 improved = True
                 break
             damping *= 10.0
-        inverse = np.linalg.pinv(scaled + 1e-12 * np.eye(len(scale))) / np.outer(scale, scale)
-        covariance = inverse[lines * order :, lines * order :]
+        covariance = normal.inverse(1e-12)[lines * order :, lines * order :]
         if not improved or trial is None:
             break
         settled = cost - trial[0] < FORWARD.settled * cost
@@ -152,34 +148,6 @@ def heard_by(sweeps: Sweeps, tracks: Tracks, acting: Simulated, phasor: np.ndarr
     turning = waves(sweeps, tracks, acting.factors if acting.shaping else None)
     heard = np.matmul(phasor[:, None, :], turning)[:, 0] + constant[:, None]
     return acting.received(heard if sweeps.iq else heard.real)
-
-
-def assembled(
-    sweeps: Sweeps, found: Solved, whole: np.ndarray, jacobian: np.ndarray, b: np.ndarray, lines: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return normal matrix and right side for tracks and further parameters, amplitudes projected out.
-
-    Args:
-        sweeps: n sweeps.
-        found: their lines with amplitudes.
-        whole: what the receiver makes of these (n, N) [LSB].
-        jacobian: change of the samples with the frequencies and with the further parameters (n, lines + K, N).
-        b: Legendre polynomials of the tracks at the sweeps (n, order).
-        lines: number of lines.
-    """
-    jacobian = jacobian * sweeps.used[:, None, :]
-    across = np.matmul(jacobian, found.design.conj().swapaxes(1, 2))
-    beside = jacobian - np.matmul(np.matmul(across, found.inverse), found.design)
-    left = (sweeps.signal - whole) * sweeps.used
-    gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
-    normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
-    order, count = b.shape[1], normal.shape[1] - lines
-    tt = np.einsum('na,nb,nlm->lamb', b, b, normal[:, :lines, :lines]).reshape(order * lines, order * lines)
-    tp = np.einsum('na,nlm->lam', b, normal[:, :lines, lines:]).reshape(order * lines, count)
-    pp = normal[:, lines:, lines:].sum(axis=0)
-    full = np.block([[tt, tp], [tp.T, pp]])
-    right = np.concatenate([np.einsum('na,nl->la', b, gradient[:, :lines]).ravel(), gradient[:, lines:].sum(axis=0)])
-    return full, right
 
 
 def bounds_of(s: Scene, candidate: Candidate, name: str) -> tuple[float, float]:

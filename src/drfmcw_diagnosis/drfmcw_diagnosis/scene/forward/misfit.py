@@ -21,7 +21,9 @@ class Misfit:
     tests: tuple[tuple[str, float], ...]  # what was tested, and the chance of each
 
 
-def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise, learnt: int = 0) -> Misfit:
+def of_sweeps(
+    s: Sweeps, left: np.ndarray, parameters: float, floor: Noise, learnt: int = 0, own: bool = False
+) -> Misfit:
     """Return the misfit of whole sweeps, whose amplitudes were fitted with so many parameters per sweep.
 
     Tested are the mean square, the mean square of what is the same in all sweeps, and the strongest frequency.
@@ -31,14 +33,15 @@ def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise, lear
         left: what the model leaves (n, N) [LSB].
         parameters: real numbers fitted in each sweep.
         floor: noise.
-        learnt: number of other sweeps whose mean was taken away from these; negative where these are those sweeps.
+        learnt: number of sweeps whose mean was taken away from these.
+        own: these are those sweeps.
     """
     count, length = left.shape
     parts = 2.0 if s.iq else 1.0
-    own = learnt < 0
-    of_mean = 1.0 / abs(learnt) if learnt else 0.0  # variance of that mean over the noise's
+    of_mean = 1.0 / learnt if learnt else 0.0  # variance of that mean over the noise's
     numbers = max((parts * float(s.used.sum()) - parameters * count) * (1.0 - of_mean if own else 1.0), 1.0)
-    each = floor.mean / parts * (1.0 if own else 1.0 + of_mean)
+    wider = 1.0 if own else 1.0 + of_mean  # variance of what is left over the noise's
+    each = floor.mean / parts * wider
     ratio = float(np.sum(np.abs(left[s.used]) ** 2)) / each / numbers
     freedom = numbers * floor.evenness
     tests = [('mean square', tail(ratio, freedom, floor.freedom))]
@@ -49,8 +52,7 @@ def of_sweeps(s: Sweeps, left: np.ndarray, parameters: float, floor: Noise, lear
             noise = floor.mean / parts * (1.0 + count * of_mean)
             same = float(np.sum(np.abs(mean) ** 2)) / noise / repeated
             tests.append(('what repeats', tail(same, repeated * floor.evenness, floor.freedom)))
-        usual = length * floor.power * (1.0 if own else 1.0 + of_mean)
-        spectrum = np.sum(np.abs(np.fft.fft(left, axis=1)) ** 2, axis=0) / usual
+        spectrum = np.sum(np.abs(np.fft.fft(left, axis=1)) ** 2, axis=0) / (length * floor.power * wider)
         half = spectrum if s.iq else spectrum[1 : length // 2]
         strongest = float(half.max()) if half.size else 0.0
         tests.append(('one frequency', min(1.0, float(gammaincc(count, strongest)) * half.size)))

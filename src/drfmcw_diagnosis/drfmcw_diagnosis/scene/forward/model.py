@@ -138,7 +138,7 @@ def judged_by(s: Scene, described: Callable[[Sweeps], tuple[Solved, np.ndarray]]
     own, whole = described(s.fitted)
     parameters = (2.0 if s.material.iq else 1.0) + 2.0 * count
     learnt = len(s.fitted.place) if s.moving else 0
-    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor, -learnt)
+    inside = of_sweeps(s.fitted, s.fitted.signal - whole, parameters, s.floor, learnt, own=s.moving)
     if s.by_sweeps:
         _, outside = described(s.held_out)
         return inside, of_sweeps(s.held_out, s.held_out.signal - outside, parameters, s.floor, learnt)

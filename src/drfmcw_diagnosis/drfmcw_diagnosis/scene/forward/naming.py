@@ -63,10 +63,9 @@ def named(found: Straight, accepted: float, without: Collection[str] = ()) -> Na
         chosen = _best(s, current, without)
         if not chosen:
             break
-        judged_ones = [(x, *judged(s, x)) for x in chosen]
-        order = sorted(judged_ones, key=lambda x: _score(x[2], len(x[0].tracks), s))
-        standing = [x for x in order if _stands(s, x[0], x[2], misfit, accepted)]
-        standing.sort(key=lambda x: x[2].probability < accepted)  # what leaves noise alone comes first
+        standing = [x for x in ((x, *judged(s, x)) for x in chosen) if _stands(s, x[0], x[2], misfit, accepted)]
+        # what leaves noise alone comes first
+        standing.sort(key=lambda x: (x[2].probability < accepted, _score(x[2], len(x[0].tracks), s)))
         if not standing:
             break
         first, inside, outside = standing[0]

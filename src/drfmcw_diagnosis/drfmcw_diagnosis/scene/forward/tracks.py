@@ -104,6 +104,55 @@ def slopes(s: Sweeps, found: Solved) -> np.ndarray:
     return change if s.iq else change.real
 
 
+@dataclasses.dataclass(frozen=True)
+class Normal:
+    """Normal equations of M parameters, in units that make the diagonal of the matrix one."""
+
+    matrix: np.ndarray  # (M, M) [1]
+    right: np.ndarray  # (M,) in the parameters' own units
+    scale: np.ndarray  # (M,) roots of the diagonal in the parameters' own units
+
+    def step(self, damping: float) -> np.ndarray:
+        """Return the damped step of the parameters (M,) (Levenberg)."""
+        step: np.ndarray = np.linalg.solve(self._ridged(damping), self.right / self.scale) / self.scale
+        return step
+
+    def inverse(self, ridge: float) -> np.ndarray:
+        """Return the inverse of the matrix (M, M) in the parameters' own units: their covariance for noise of one."""
+        inverse: np.ndarray = np.linalg.pinv(self._ridged(ridge)) / np.outer(self.scale, self.scale)
+        return inverse
+
+    def _ridged(self, ridge: float) -> np.ndarray:
+        return self.matrix + ridge * np.eye(len(self.scale))
+
+
+def assembled(sweeps: Sweeps, found: Solved, whole: np.ndarray, jacobian: np.ndarray, b: np.ndarray) -> Normal:
+    """Return the normal equations of tracks and further parameters, amplitudes projected out.
+
+    Args:
+        sweeps: n sweeps.
+        found: their lines with amplitudes.
+        whole: what the receiver makes of these (n, N) [LSB].
+        jacobian: change of the samples with the frequencies and with the further parameters (n, lines + K, N).
+        b: Legendre polynomials of the tracks at the sweeps (n, order).
+    """
+    jacobian = jacobian * sweeps.used[:, None, :]
+    across = np.matmul(jacobian, found.design.conj().swapaxes(1, 2))
+    beside = jacobian - np.matmul(np.matmul(across, found.inverse), found.design)
+    left = (sweeps.signal - whole) * sweeps.used
+    gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
+    normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
+    lines = found.phasor.shape[1]
+    order, count = b.shape[1], normal.shape[1] - lines
+    tt = np.einsum('na,nb,nlm->lamb', b, b, normal[:, :lines, :lines]).reshape(order * lines, order * lines)
+    tp = np.einsum('na,nlm->lam', b, normal[:, :lines, lines:]).reshape(order * lines, count)
+    pp = normal[:, lines:, lines:].sum(axis=0)
+    full = np.block([[tt, tp], [tp.T, pp]])
+    right = np.concatenate([np.einsum('na,nl->la', b, gradient[:, :lines]).ravel(), gradient[:, lines:].sum(axis=0)])
+    scale = np.sqrt(np.maximum(np.diag(full), 1e-30))
+    return Normal(full / np.outer(scale, scale), right, scale)
+
+
 def refined(s: Sweeps, tracks: Tracks, rounds: int) -> Tracks:
     """Return lines with all frequencies fitted together (Gauss and Newton, amplitudes projected out)."""
     if not len(tracks):
@@ -114,16 +163,7 @@ def refined(s: Sweeps, tracks: Tracks, rounds: int) -> Tracks:
     found = solve(s, tracks)
     cost = _cost(s, found)
     for _ in range(rounds):
-        moved = slopes(s, found) * s.used[:, None, :]
-        across = np.matmul(moved, found.design.conj().swapaxes(1, 2))
-        beside = moved - np.matmul(np.matmul(across, found.inverse), found.design)
-        left = (s.signal - found.model) * s.used
-        gradient = np.matmul(beside.conj(), left[..., None])[..., 0].real
-        normal = np.matmul(beside.conj(), beside.swapaxes(1, 2)).real
-        whole = np.einsum('na,nb,nlm->lamb', b, b, normal).reshape(order * len(tracks), -1)
-        right = np.einsum('na,nl->la', b, gradient).ravel()
-        scale = np.sqrt(np.maximum(np.diag(whole), 1e-30))
-        step = np.linalg.solve(whole / np.outer(scale, scale) + 1e-6 * np.eye(len(scale)), right / scale) / scale
+        step = assembled(s, found, found.model, slopes(s, found), b).step(1e-6)
         step = np.clip(step.reshape(len(tracks), order), -most, most)
         for _ in range(FORWARD.halvings):
             trial = Tracks(tracks.frequency + step)
