@@ -275,7 +275,10 @@ def joint_drive(tmp_path_factory):
     recording = directory / 'recording'
     with site(directory) as live:
         start_nodes(live.graph, read_scenario(path), recording, estimator='pair')
-        matched = [  # each topic on its own: what is sent before is lost
+        matched = [  # each topic on its own, and at both ends: what is sent before is lost
+            ('/fusion: Range master/slave', 'subscribers of /master/slave/range', 2),  # monitor and recorder
+            ('/fusion: Inputs', 'publishers of /master/beat_frequency', 1),
+            ('/fusion: Inputs', 'publishers of /slave/beat_frequency', 2),  # the pair's node and the slave's own
             ('/master/pair_station: Source', f'publishers of {PACKED}', 1),
             ('/master/pair_station: Sweeps', 'subscribers of /master/beat_frequency', 2),  # fusion and recorder
             ('/master/pair_station: Sweeps', 'subscribers of /slave/beat_frequency', 2),

@@ -160,6 +160,7 @@ class FusionNode(ManagedNode):
             )
         self._mode_publishers: dict[tuple[str, str], Any] = {}
         self._turn_publishers: dict[tuple[str, str], Any] = {}
+        self._beat_subscriptions: list[Any] = []
         self._mode_requests = ModeRequests(self._fusion.sweep_config, self._request_mode)
         self._turn_requests = TurnRequests(self._request_turns)
         self._granted: dict[tuple[str, str], Share] = {}  # by station and peer
@@ -192,9 +193,10 @@ class FusionNode(ManagedNode):
         self._first.subscription(StationStatus, f'/{station}/status', self._status, qos.RELIABLE)
         sources = Publishers(f'/{station}/beat_frequency')
         take = functools.partial(self._beats, station, sources)
-        qos.subscription(
+        beats = qos.subscription(
             self, BeatFrequency, sources.topic, take, qos.DEEP, batch=True, gather=_GATHER, numbers=sources.add
         )
+        self._beat_subscriptions.append(beats)
         for pair in self._pairs:
             if station not in pair:
                 continue
@@ -354,6 +356,9 @@ class FusionNode(ManagedNode):
             status.value('refractive_index', f'{state.newest.refractive_index:.7f}')
         for test, count in self._fusion.failures(pair).items():
             status.value(f'failed test {test}', count)
+        status.value(
+            f'subscribers of {state.range_publisher.topic_name}', state.range_publisher.get_subscription_count()
+        )
         state.ranges = state.flagged = 0
 
     def _diagnose_rate(self, pair: tuple[str, str], state: _PairState, status: Status) -> None:
@@ -399,6 +404,8 @@ class FusionNode(ManagedNode):
         if new:
             status.report(ERROR, f'{new} messages refused, last: {self._refusal}')
         status.value('refused messages', self._refused)
+        for beats in self._beat_subscriptions:
+            status.value(f'publishers of {beats.topic_name}', beats.get_publisher_count())
 
 
 def main(argv: Sequence[str] | None = None) -> int:
