@@ -130,7 +130,7 @@ class Timeline:
         self._demands: Sequence[Demand] | None = None  # of the next schedule
         self._pause = 0.0  # time spent changing modes [s]
         self._by_range = mode_by_range
-        self._reported = -math.inf  # time up to which weather and status are published [s]
+        self._reported = -1  # time up to which weather and status are published [ns]
         self.modes: list[Mode] = []  # of each pair, none before the first is chosen
         self._start_delays: list[float] = []
         turns = [self.schedule.frame.index(pair) for pair in range(len(scenario.pairs))]
@@ -229,7 +229,8 @@ class Timeline:
     def advance(self, count: int) -> None:
         """Move on by `count` measurements."""
         if count:
-            self._reported = float(self._at(np.array([self.next_sweep_id + count - 1])).time[0])
+            last = self._at(np.array([self.next_sweep_id + count - 1]))
+            self._reported = self._end(float(last.time[0]), int(last.pair[0]))
         self.next_sweep_id += count
 
     def opening(self) -> list[Event]:
@@ -357,7 +358,8 @@ class Timeline:
     def render(self, slots: Slots) -> list[Event]:
         """Return everything that is published with these measurements, in order of time; IF samples synthesised.
 
-        Weather, status and reference stand before the sweep that they belong to.
+        Weather, status and reference stand before the measurement that they belong to, those between its two sweeps
+        too: what holds at a sweep is known before the sweep is evaluated.
         """
         s = self.scenario
         sweeps: dict[int, list[Event]] = {}
@@ -387,8 +389,9 @@ class Timeline:
         events: list[Event] = []
         reported = self._reported
         for sweep_id, time, pair, distance in zip(slots.sweep_id, slots.time, slots.pair, slots.distance, strict=True):
-            events += self._reports(reported, float(time), int(sweep_id))
-            reported = time
+            end = self._end(float(time), int(pair))
+            events += self._reports(reported, end, int(sweep_id))
+            reported = end
             if s.reference.enabled and s.reference.interval == 0:
                 index = int(self._index(np.array([sweep_id]))[0])
                 events.append(self._reference(int(sweep_id), int(pair), index, float(time), float(distance)))
@@ -412,8 +415,13 @@ class Timeline:
         stamp = self.stamp(time)
         return Event('/reference/range', stamp, ReferenceReading(stamp, distance + error, s.reference.range_std, frame))
 
-    def _reports(self, since: float, until: float, sweep_id: int) -> Iterator[Event]:
-        """Yield weather, status and timed reference readings due after `since` and up to `until` [s]."""
+    def _end(self, time: float, pair: int) -> int:
+        """Return the scenario time of the later sweep of a pair's measurement at `time` [s], as stamps have it [ns]."""
+        delays = (sweep.start_delay for sweep in self.sweep_settings(pair))
+        return round(time * NANOSECONDS) + round(max(delays) * NANOSECONDS)
+
+    def _reports(self, since: int, until: int, sweep_id: int) -> Iterator[Event]:
+        """Yield weather, status and timed reference readings due after `since` and up to `until` [ns]."""
         s = self.scenario
         sweeps = sweep_id - self._first_sweep_id
         due: list[tuple[float, list[Event]]] = []
@@ -451,10 +459,13 @@ class Timeline:
         return Event(f'/{station}/status', stamp, Status(station, stamp, frame, temperature, sweeps))
 
 
-def _ticks(interval: float, since: float, until: float) -> Iterator[tuple[int, float]]:
-    """Yield (number, time) of the multiples of `interval` in (since, until], from 0 on."""
-    number = 0 if since < 0 else math.floor(since / interval)
-    while (time := number * interval) <= until:
-        if time > since:
-            yield number, time
+def _ticks(interval: float, since: int, until: int) -> Iterator[tuple[int, float]]:
+    """Yield (number, time [s]) of the multiples of `interval` [s] in (since, until] [ns], from 0 on.
+
+    Compared are stamps: a time that falls on the same nanosecond is the same, whatever the last bit of its sum says.
+    """
+    number = max(0, math.floor(since / NANOSECONDS / interval))
+    while (stamp := round(number * interval * NANOSECONDS)) <= until:
+        if stamp > since:
+            yield number, number * interval
         number += 1

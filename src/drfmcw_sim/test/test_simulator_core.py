@@ -8,6 +8,7 @@ pytest.importorskip('rclpy')
 bag = pytest.importorskip('drfmcw_ros.bag.files')
 from drfmcw_physics.air import refractive_index  # noqa: E402
 from drfmcw_physics.settings import ConfigurationError  # noqa: E402
+from drfmcw_physics.sweep import Mode  # noqa: E402
 from drfmcw_sim import simulate  # noqa: E402
 from drfmcw_sim.flow_control import Acknowledgements  # noqa: E402
 from drfmcw_sim.recording import write_recording  # noqa: E402
@@ -46,6 +47,31 @@ def test_recording_holds_the_measured_topics(tmp_path, storage):
         for connection in practice.connections:
             offered = connection.ext.offered_qos_profiles[0]
             assert qos[connection.topic] == (offered.durability, offered.reliability)
+
+
+@pytest.mark.parametrize('interval', [0.05, 0.15, 0.3, 0.7])
+@pytest.mark.parametrize('start_delay', [0.6e-6, 3e-4])
+def test_readings_precede_the_sweeps_that_they_hold_for(interval, start_delay):
+    """No reading with the stamp of a sweep, or an earlier one, follows it: a live fusion would have to guess it."""
+    overrides = (f'timing.sweep_interval={interval}', 'timing.status_interval=0.1', 'weather.interval=0.3')
+    scenario = read_scenario(
+        CONFIG / 'gantry.yaml', (*overrides, 'pairs.0.standing.sweeps=300', 'pairs.0.standing.distances=[100]')
+    )
+    timeline = Timeline(scenario)
+    timeline.change_mode(0, Mode.SHORT_DISTANCE, start_delay)
+    newest, readings, sweeps = -1, [], 0
+    while not timeline.finished:
+        slots = timeline.slots(64)
+        for event in timeline.render(slots):
+            if event.sweep_id >= 0:
+                newest = max(newest, event.stamp)
+                sweeps += 1
+            elif event.topic != '/reference/range':
+                assert event.stamp > newest, event.topic
+                readings.append((event.topic, event.stamp))
+        timeline.advance(len(slots))
+    assert sweeps == 600
+    assert len(readings) == len(set(readings)) > 2 * 299 * interval / 0.1, 'each once, none left out'
 
 
 def test_same_seed_gives_the_same_recording(tmp_path):
