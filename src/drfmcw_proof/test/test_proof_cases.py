@@ -55,6 +55,22 @@ def test_quick_list_covers_every_group_and_follows_from_its_seed():
         cases.plans('medium')
 
 
+def test_recordings_of_any_site_keep_their_lines_within_the_if():
+    sizes = set()
+    for number in range(200):  # seeds of their own; what is asserted holds for each
+        random = np.random.default_rng(number)
+        c = draws.random_condition(random, draws.random_extent(random))
+        sizes.add((len(c.distances), c.sweeps))
+        rate = c.bandwidth / c.ramp_duration
+        far = np.array(c.distances)
+        start = np.where(far < c.mode_boundary, c.short_start_delay, c.long_start_delay)
+        delay = far * 1.0004 / 299792458.0 + sum(s.delay for s in c.stations)
+        apart = (c.start_frequency + c.bandwidth) * abs(c.stations[0].alpha - c.stations[1].alpha)
+        assert np.min(rate * np.abs(start - delay)) - apart > 40e3
+        assert np.max(rate * (start + delay)) + apart < 0.5 * c.sample_rate - 40e3
+    assert len(sizes) > 50
+
+
 def test_ambiguous_cases_change_the_data_as_their_rivals_do():
     for number, kind in enumerate(cases.AMBIGUOUS):
         plan = cases._ambiguous('x', np.random.default_rng(number), kind, 14.0, draws.Extent(6, 4))

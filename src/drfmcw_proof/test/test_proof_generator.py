@@ -471,6 +471,38 @@ def test_outside_effects_do_what_their_names_say():
     assert change[1200] == pytest.approx(0.3, abs=1e-9)
 
 
+def test_outside_effects_of_path_and_reference_do_what_their_names_say():
+    c = quiet(condition((60.0, 90.0, 150.0), 4))
+    rows, far = np.array([0, 4, 8]), np.array([60.0, 90.0, 150.0])
+
+    def of_ray(effect, **parameters):
+        scene = conceal(nominal(c), [Applied(effect, None, parameters)])
+        ray = scene.rays[-1]
+        one, direct = (generator.heard(scene, FIRST, rows, r) for r in (ray, scene.rays[0]))
+        return ray.length(far), one.amplitude[:, 0] / direct.amplitude[:, 0]
+
+    length, share = of_ray(
+        'local_echo', excess_range=6.0, relative_power=-20.0, phase=0.1, **{'from': 80.0, 'to': 100.0}
+    )
+    assert np.allclose(length, far + 6.0)
+    assert np.allclose(share, [0.0, 0.1, 0.0])
+    length, share = of_ray('fixed_reflector', position=100.0, relative_power=-20.0, phase=0.1)
+    assert np.allclose(length[:2], [140.0, 110.0])
+    assert np.allclose(share, [0.1 * 60.0 / 140.0, 0.1 * 90.0 / 110.0, 0.0])
+    scene, _ = with_effect(c, 'rail_bend', height=0.04, length=300.0)
+    assert np.allclose(scene.reference()[rows], far - 0.04 * np.sin(math.pi * far / 300.0), atol=1e-12)
+    scene, _ = with_effect(c, 'reference_wander', amplitude=0.03, period=100.0, phase=0.2)
+    assert np.allclose(
+        scene.reference(), scene.distance + 0.03 * np.sin(2.0 * math.pi * scene.time / 100.0 + 0.2), atol=1e-12
+    )
+    scene, before = with_effect(c, 'delay_step', 'slave', step=2.0, time=scene.time[6])
+    assert np.allclose((scene.delay - before.delay)[5:8], [0.0, 2e-9, 2e-9], atol=1e-20)
+    scene, before = with_effect(c, 'gain_temperature', 'slave', slope=0.1)
+    assert np.allclose(scene.gain[FIRST], before.gain[FIRST])
+    above = scene.board[SECOND] - c.stations[SECOND].calibration_temperature
+    assert np.allclose(scene.gain[SECOND] - before.gain[SECOND], 0.1 * above)
+
+
 @pytest.mark.parametrize(
     'effect, station, parameters',
     [('haze', None, {}), ('echo', 'master', {}), ('spur', 'tower', {}), ('echo', None, {'loudness': 1.0})],

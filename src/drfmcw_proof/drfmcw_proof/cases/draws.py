@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..generator.condition import Condition, StationCondition
+from ..generator.model import SPEED_OF_LIGHT
 from .concealing import KINDS, Applied
 
 Rival = tuple[tuple[str, str | None], ...]
@@ -19,10 +20,16 @@ class Extent:
 
     settings: int = 14
     sweeps: int = 24
+    anywhere: bool = False  # site and schedule are random, too
+
+
+def random_extent(random: np.random.Generator) -> Extent:
+    """Return the extent of a recording at any site, by any schedule."""
+    return Extent(int(random.integers(8, 15)), int(random.integers(10, 33)), anywhere=True)
 
 
 def random_condition(random: np.random.Generator, extent: Extent, **changes: Any) -> Condition:
-    """Return a condition like those of the practice recordings: every number varies, the layout is theirs."""
+    """Return a random condition, with the layout of the practice recordings unless the extent says `anywhere`."""
     n = extent.settings
     fixed = np.array([38, 75, 111, 157, 230, 307, 402, 501, 598, 680, 760, 852, 931, 1001], float)
     centres = np.interp(np.linspace(0.0, 13.0, n), np.arange(14.0), fixed)
@@ -54,7 +61,49 @@ def random_condition(random: np.random.Generator, extent: Extent, **changes: Any
         stations=(stations[0], stations[1]),
         sweeps=extent.sweeps,
     )
-    return dataclasses.replace(condition, **changes)
+    site = _anywhere(random, condition) if extent.anywhere else {}
+    return dataclasses.replace(condition, **site | changes)
+
+
+def _anywhere(random: np.random.Generator, condition: Condition) -> dict[str, Any]:
+    """Return what is random of another site: distances and their order, time, stations, levels and references."""
+    n, uniform = len(condition.distances), random.uniform
+    distances = np.sort(np.exp(uniform(np.log(20.0), np.log(1000.0), n)))
+    order = str(random.choice(['out', 'out', 'out and back', 'any']))
+    if order == 'out and back':
+        distances = np.concatenate([distances[::2], distances[1::2][::-1]])
+    elif order == 'any':
+        distances = random.permutation(distances)
+    short = float(uniform(3.0e-6, 4.0e-6))
+    alphas = 1.0 + 1e-6 * (uniform(-12.0, 12.0) + uniform(-3.0, 3.0, 2))
+    # where both lines are within the IF: the second station's above 0 Hz, the first one's below Nyquist
+    farthest = min(short - 0.8e-6, 6.0e-6 - short) * SPEED_OF_LIGHT
+    stations = tuple(
+        dataclasses.replace(
+            station,
+            delay=float(uniform(5e-9, 30e-9)),
+            alpha=float(alpha),
+            sample_clock_alpha=float(alpha) * station.sample_clock_alpha / station.alpha,
+            noise_floor=float(uniform(-142.0, -135.0)),
+            phase_noise_level=float(uniform(-93.0, -86.0)),
+            phase_noise_corner=float(np.exp(uniform(np.log(70e3), np.log(240e3)))),
+        )
+        for station, alpha in zip(condition.stations, alphas, strict=True)
+    )
+    return {
+        'distances': floats(distances),
+        'stations': stations,
+        'interval': float(uniform(5e-3, 50e-3)),
+        'pause': float(uniform(15.0, 120.0)),
+        'short_start_delay': short,
+        'long_start_delay': float(uniform(0.4e-6, 0.7e-6)),
+        'mode_boundary': float(uniform(0.8, 1.0)) * farthest,
+        'tx_eirp': float(uniform(10.0, 16.0)),
+        'full_scale_power': float(uniform(-24.0, -17.0)),
+        'reference_std': float(uniform(3e-3, 8e-3)),
+        'start_delay_jitter': float(uniform(1e-9, 4e-9)),
+        'amplitude_scatter': float(uniform(0.1, 0.4)),
+    }
 
 
 def _uneven(values: np.ndarray) -> np.ndarray:
@@ -147,11 +196,45 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         'dropped_samples': lambda: {'count': int(random.integers(1, 4)), 'time': float(uniform(2e-4, 8e-4))},
         'frequency_glitch': lambda: {'peak': sign, 'time': float(uniform(2e-4, 8e-4)), 'width': between(5e-6, 5e-5)},
         'interleaving': lambda: {'skew': 1.0, 'period': int(random.choice([4, 8]))},
+        'local_echo': lambda: {
+            'excess_range': between(3.0, 40.0),
+            'relative_power': -40.0,
+            'phase': float(uniform(0.0, 6.28)),
+            **_stretch(random, condition),
+        },
+        'fixed_reflector': lambda: {
+            'position': _beyond_nearest(random, condition),
+            'relative_power': -40.0,
+            'phase': float(uniform(0.0, 6.28)),
+        },
+        'rail_bend': lambda: {'height': sign, 'length': float(uniform(0.8, 1.6)) * max(condition.distances)},
+        'reference_wander': lambda: {
+            'amplitude': 1.0,
+            'period': float(uniform(0.3, 1.2)) * condition.duration,
+            'phase': float(uniform(0.0, 6.28)),
+        },
+        'delay_step': lambda: {'step': sign, 'time': float(uniform(0.25, 0.75)) * condition.duration},
+        'gain_temperature': lambda: {'slope': sign},
     }
     applied = Applied(effect, station, shapes[effect]())
     if effect == 'reference_lag':  # a late reference is right where nothing moves
         return Applied('target_motion', None, {'velocity': velocities(random, n)}), applied
     return (applied,)
+
+
+def _stretch(random: np.random.Generator, condition: Condition) -> dict[str, float]:
+    """Return a stretch of the rail that holds a third to two thirds of the distances, two at least."""
+    ordered = sorted(condition.distances)
+    n = len(ordered)
+    count = max(2, round(n * random.uniform(0.33, 0.67)))
+    first = int(random.integers(0, n - count + 1))
+    return {'from': ordered[first] - 1.0, 'to': ordered[min(first + count, n) - 1] + 1.0}
+
+
+def _beyond_nearest(random: np.random.Generator, condition: Condition) -> float:
+    """Return a place beyond the nearest two to four distances, the farthest of which it is a resolution cell from."""
+    ordered = sorted(condition.distances)
+    return ordered[min(int(random.integers(1, 4)), len(ordered) - 1)] + float(random.uniform(3.0, 15.0))
 
 
 def velocities(random: np.random.Generator, n: int) -> list[float]:

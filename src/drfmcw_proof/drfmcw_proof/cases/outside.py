@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from ..generator.model import Scene, Stage
-from .kinds import KINDS, Parameters, Size, deviate, kind, linear
+from ..generator.model import Ray, Scene, Stage
+from .kinds import KINDS, Parameters, Size, decibel, deviate, kind, linear
 
 _FAN, _DITHER = 3, 4  # streams of random numbers, as the registered effects have theirs
 
@@ -144,6 +144,66 @@ def _interleaving(scene: Scene, stations: tuple[int, ...], p: Parameters) -> Non
 
     for s in stations:
         scene.warp[s].append(warp)
+
+
+# --- of the path and of the reference instrument ---
+
+
+@_outside(
+    'local_echo',
+    'path',
+    {'excess_range': 'm', 'relative_power': 'dB', 'phase': 'rad', 'from': 'm', 'to': 'm'},
+    decibel('relative_power', -40.0, -110.0, -1.0),
+)
+def _local_echo(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """Something beside the rail reflects while the crane passes it: an echo between two distances only."""
+    there = (scene.distance >= p['from']) & (scene.distance <= p['to'])
+    amplitude = 10.0 ** (p['relative_power'] / 20.0) * there
+    scene.rays.append(Ray(lambda r: r + p['excess_range'], amplitude, p.get('phase', 0.0)))
+
+
+@_outside(
+    'fixed_reflector',
+    'path',
+    {'position': 'm', 'relative_power': 'dB', 'phase': 'rad'},
+    decibel('relative_power', -40.0, -110.0, -1.0),
+)
+def _fixed_reflector(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """A mast behind the crane throws the signal back to it: this way becomes shorter as the crane comes near it."""
+    before = scene.distance < p['position']
+    length = 2.0 * p['position'] - scene.distance
+    amplitude = 10.0 ** (p['relative_power'] / 20.0) * before * scene.distance / np.maximum(length, 1.0)
+    scene.rays.append(Ray(lambda r: np.maximum(2.0 * p['position'] - r, r), amplitude, p.get('phase', 0.0)))
+
+
+@_outside('rail_bend', 'reference', {'height': 'm', 'length': 'm'}, linear('height', 0.005, 10.0))
+def _rail_bend(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """The rail is not straight: the antennas are farther apart than the way along it tells."""
+    scene.reference_errors.append(lambda r: -p['height'] * np.sin(math.pi * r / p['length']))
+
+
+@_outside(
+    'reference_wander', 'reference', {'amplitude': 'm', 'period': 's', 'phase': 'rad'}, linear('amplitude', 5e-3, 10.0)
+)
+def _reference_wander(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """Multipath of a satellite receiver: its error changes over minutes."""
+    error = p['amplitude'] * np.sin(2.0 * math.pi * scene.time / p['period'] + p['phase'])
+    scene.reference_errors.append(lambda r: error)
+
+
+@_outside('delay_step', 'station', {'step': 'ns', 'time': 's'}, linear('step', 0.01, 100.0))
+def _delay_step(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """Somebody moves a connector: from a time on the delay is another one."""
+    for _ in stations:
+        scene.delay = scene.delay + 1e-9 * p['step'] * (scene.time >= p['time'])
+
+
+@_outside('gain_temperature', 'station', {'slope': 'dB/K'}, linear('slope', 0.005, 2.0))
+def _gain_temperature(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The receiver's gain follows its board's temperature."""
+    for s in stations:
+        above = scene.board[s] - scene.condition.stations[s].calibration_temperature
+        scene.gain[s] = scene.gain[s] + p['slope'] * above
 
 
 OUTSIDE = tuple(sorted(name for name, kind_ in KINDS.items() if not kind_.registered))

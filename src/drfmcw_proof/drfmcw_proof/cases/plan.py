@@ -33,6 +33,7 @@ from .draws import (
     other_station,
     possible,
     random_condition,
+    random_extent,
     rivals,
     substitutes,
     template,
@@ -394,29 +395,33 @@ def _quick() -> Iterator[Builder]:
 
 def _full(counts: Counts) -> Iterator[Builder]:
     for _ in range(counts.times):
-        yield from _once(counts)
+        yield from map(_anywhere, _once(counts))
 
 
-def _once(counts: Counts) -> Iterator[Builder]:
-    usual = Extent()
+def _anywhere(build: Callable[..., Plan]) -> Builder:
+    """Return a builder of a case at a random site, by a random schedule."""
+    return lambda name, random: build(name, random, extent=random_extent(random))
+
+
+def _once(counts: Counts) -> Iterator[Callable[..., Plan]]:
     nulls = {kind: counts.nulls if kind == 'right' else counts.wrong_nulls for kind in NULLS}
-    yield from (partial(_null, kind=kind, extent=usual) for kind, count in nulls.items() for _ in range(count))
+    yield from (partial(_null, kind=kind) for kind, count in nulls.items() for _ in range(count))
     for effect in REGISTERED:
-        yield from (partial(_single, effect=effect, d=d, extent=usual) for d in counts.sizes)
-        yield from (partial(_single, effect=effect, d=d, extent=usual, group='strong') for d in counts.strong_sizes)
-        yield from (partial(_left_out, effect=effect, d=d, extent=usual) for d in counts.left_out_sizes)
-    yield from itertools.repeat(partial(_drive, extent=usual), counts.drives)
-    yield from itertools.repeat(partial(_pair, effects=None, d=None, extent=usual), counts.pairs)
-    yield from itertools.repeat(partial(_strong_pair, extent=usual), counts.strong_pairs)
+        yield from (partial(_single, effect=effect, d=d) for d in counts.sizes)
+        yield from (partial(_single, effect=effect, d=d, group='strong') for d in counts.strong_sizes)
+        yield from (partial(_left_out, effect=effect, d=d) for d in counts.left_out_sizes)
+    yield from itertools.repeat(_drive, counts.drives)
+    yield from itertools.repeat(partial(_pair, effects=None, d=None), counts.pairs)
+    yield from itertools.repeat(_strong_pair, counts.strong_pairs)
     for effects in covering(REGISTERED, _PAIRS_NEVER)[: counts.mixtures]:
-        yield partial(_mixture, effects=effects, extent=usual)
-    yield from itertools.repeat(partial(_beside_unknown, extent=usual), counts.beside_unknown)
+        yield partial(_mixture, effects=effects)
+    yield from itertools.repeat(_beside_unknown, counts.beside_unknown)
     for effect in OUTSIDE:
-        yield from (partial(_single, effect=effect, d=d, extent=usual, group='outside') for d in counts.outside_sizes)
+        yield from (partial(_single, effect=effect, d=d, group='outside') for d in counts.outside_sizes)
     for kind in DECOYS:
-        yield from itertools.repeat(partial(_decoy, kind=kind, d=14.0, extent=usual), counts.decoys)
+        yield from itertools.repeat(partial(_decoy, kind=kind, d=14.0), counts.decoys)
     for kind in AMBIGUOUS:
-        yield from itertools.repeat(partial(_ambiguous, kind=kind, d=14.0, extent=usual), counts.ambiguous)
+        yield from itertools.repeat(partial(_ambiguous, kind=kind, d=14.0), counts.ambiguous)
 
 
 def _two(random: np.random.Generator) -> tuple[str, str]:

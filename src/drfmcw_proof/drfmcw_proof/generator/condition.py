@@ -73,6 +73,11 @@ class Condition:
         return self.bandwidth / self.ramp_duration
 
     @property
+    def duration(self) -> float:
+        """From the first sweep to the end of the last setting [s]."""
+        return len(self.distances) * (self.pause + self.sweeps * self.interval)
+
+    @property
     def names(self) -> tuple[str, str]:
         """The names of both stations."""
         return self.stations[0].name, self.stations[1].name

@@ -67,7 +67,7 @@ class Ray:
     """One way of the signal: its length from the direct one, and its amplitude."""
 
     length: Callable[[np.ndarray], np.ndarray]
-    amplitude: float = 1.0
+    amplitude: float | np.ndarray = 1.0  # [n] where it differs from sweep to sweep
     phase: float = 0.0  # of the reflection, by which the received wave lags, as over a longer way [rad]
 
 
@@ -289,7 +289,8 @@ def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> 
     if scene.hums[station] or scene.hums[peer]:
         turns += hummed(scene, station, rows, u)
         turns -= hummed(scene, peer, rows, u - d)
-    amplitude = scene.amplitude(station, rows)[:, None] * ray.amplitude
+    of_ray = np.broadcast_to(ray.amplitude, (len(scene),))[rows]
+    amplitude = (scene.amplitude(station, rows) * of_ray)[:, None]
     if scene.fall[station]:
         amplitude = amplitude * np.exp(-math.log(10.0) / 20.0 * scene.fall[station] * (a * u / c.ramp_duration))
     u = u[:, margin : margin + c.sample_count]
