@@ -144,10 +144,24 @@ def test_what_counts_as_noise_is_left_over_nevertheless(data):
     fitting = concealed(comparison, Effect.registry['sweep_curvature'](deviation=3000.0, station='master'))
     before = leftovers(fitting, None)
     assert before[0].probability < 1e-6
-    fitting.count_as_noise(None, fitting.set_aside)
+    fitting.count_as_noise(None, fitting.set_aside, np.zeros((0, len(comparison.residual))))
     fitting.trust(None)
     assert fitting.misfit(0.0) < 1.01 * len(comparison.residual)
     assert leftovers(fitting, None) == before
+
+
+def test_what_one_effect_may_explain_does_not_count_as_noise(data):
+    """Else an effect that is found last would have made the noise that hides it."""
+    comparison = Comparison(data)
+    effect = Effect.registry['reference_offset'](offset=0.05)
+    fitting = concealed(comparison, effect)
+    unexplained = fitting.misfit(0.0)
+    fitting.count_as_noise(None, fitting.set_aside, np.zeros((0, len(comparison.residual))))
+    fitting.trust(None)
+    hidden = fitting.misfit(0.0)
+    fitting.count_as_noise(None, fitting.set_aside, 0.1 * comparison.template([effect])[None])
+    fitting.trust(None)
+    assert fitting.misfit(0.0) > 0.9 * unexplained > 2.0 * hidden
 
 
 def test_a_reflectors_phase_turns_the_echo(data):

@@ -248,8 +248,8 @@ class Predictor:
         """Return by how much the ramp changes with the phase of each sweep, over the noise of one sweep (G, 2 S, K).
 
         What a spur or a mirror line brings has a phase of its own in every sweep, and so have the products of a
-        distortion. Where the target moves, all that effects do to the ramp counts: the phase of an echo turns, too.
-        What effects of random phase do is predicted, see `Expected.fluttering`.
+        distortion, and a second path on whose length the way of a drive acts. What effects of random phase do is
+        predicted, see `Expected.fluttering`.
         """
         effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
         distorting = any(e.distorts for e in effects)
@@ -261,11 +261,13 @@ class Predictor:
             else:
                 copies = 2
                 features = self.simulated.copies(part, effects, copies)[0]
-            ramp = ramp_spectrum(features.ramp)
-            ramp = ramp.reshape(copies, -1, *ramp.shape[1:])
-            result[part.groups] = ramp.var(axis=0, ddof=1)
-            moving = ~self.recorded.standing[part.groups]
-            result[part.groups[moving]] += (ramp.mean(axis=0) - self.plain(part).ramp)[moving] ** 2
+            result[part.groups] = _variance(features, copies)
+            undistorted = tuple(e for e in effects if not e.distorts)
+            way = self.simulated.way(part, undistorted)
+            if way is not None:
+                copies = SIMULATION.distorted
+                driven = self.simulated.copies(part, undistorted, copies, way=way)[0]
+                result[part.groups] += _variance(driven, copies)
         return result / self.std['flutter']
 
     def quadratures(self, effects: Sequence[Effect]) -> np.ndarray:
@@ -374,3 +376,10 @@ class Predictor:
             # a creep is slower than the reference could show
             ways.append((way if by_phase else shifted)[local] + (creep[local] if slow else 0.0))
         return np.concatenate([w - w.mean() for w in ways])
+
+
+def _variance(features: SweepFeatures, copies: int) -> np.ndarray:
+    """Return the variance of the ramp's terms over copies of sweeps (G, 2 S, K)."""
+    terms = ramp_spectrum(features.ramp)
+    variance: np.ndarray = terms.reshape(copies, -1, *terms.shape[1:]).var(axis=0, ddof=1)
+    return variance

@@ -77,7 +77,7 @@ class SimulatedSweeps:
         distorting = any(effect.distorts for effect in effects)
         swaying = any(effect.motion is Motion.SWAY for effect in effects)
         added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
-        way = self._way(part, effects)
+        way = self.way(part, effects)
         copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
         turns = 1.0 if added else 0.5
         each, moved = self.copies(part, effects, copies, swaying, not effects, turns, way)
@@ -90,7 +90,7 @@ class SimulatedSweeps:
             features = dataclasses.replace(features, power=jittered.power)
         return features
 
-    def _way(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
+    def way(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
         """Return the way of each group's drive (G,) [m], None unless a second path's phase turns within a group.
 
         A reflection's excess delay follows the distance; what it adds to a driving group is the mean over its way.

@@ -53,6 +53,33 @@ class SidebandLimits:
 
 
 @dataclasses.dataclass(frozen=True)
+class SineLimits:
+    """Which sines of random phase are looked for in sweeps."""
+
+    fine: int = 8
+    """Frequencies per resolution cell; chosen."""
+
+    slowest: float = 1.0
+    """Periods within the sweep [1]; chosen: slower ones each sweep's own phase and frequency follow."""
+
+    singular: float = 1e-9
+    """Of the power of cosine and sine, added to it: of two that look alike one counts [1]; chosen."""
+
+    shared: float = 3.0
+    """Gain over that by chance [1], which counts at most of each group; chosen."""
+
+    left: float = 0.1
+    """Share of a term's noise that a sine leaves, at least; chosen."""
+
+    most: int = 3
+    """Sines that are taken out of the noise; chosen."""
+
+    strong: float = 6.0
+    """Standard deviations of the gain beyond that by chance, from which on a sine is taken out; chosen: none of some
+    thousand frequencies comes near it by chance."""
+
+
+@dataclasses.dataclass(frozen=True)
 class SpectrumLimits:
     """How spectra and series are taken."""
 
@@ -125,4 +152,5 @@ class SpectrumLimits:
 
 CODES = CodeLimits()
 SIDEBANDS = SidebandLimits()
+SINES = SineLimits()
 SPECTRUM = SpectrumLimits()

@@ -125,7 +125,6 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     derivatives = fitting.slopes(fitted)
     slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
-    converters = _of_uneven_converters(fitting)
     least = np.full(len(slopes), LIMITS.determined)
     for effect, own in zip(fitted.effects, fitted.spans, strict=True):
         if effect.candidate.recipe.per_group:
@@ -134,6 +133,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         name: _without_each(rest, slopes, parts, least)[parts] for name, parts in (('group', groups), ('kind', kinds))
     }
     significant = [x for x in leftovers(fitting, fitted, derivatives, apart=True) if x.probability < LIMITS.left_over]
+    converters = _of_uneven_converters(fitting, significant)
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
@@ -289,15 +289,16 @@ def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
     return float(of_range @ of_range) > LIMITS.by_range * float(added @ added)
 
 
-def _of_uneven_converters(fitting: Fitting) -> np.ndarray:
-    """Return which numbers an ADC with uneven codes may have made (n,)."""
+def _of_uneven_converters(fitting: Fitting, significant: list[Leftover]) -> np.ndarray:
+    """Return which numbers an ADC may have made that shows uneven codes, or samples at the outermost ones (n,)."""
     c = fitting.comparison
     found = np.zeros(len(c.residual), bool)
-    for station, codes in enumerate(c.codes):
-        if codes is not None and codes.probability < LIMITS.uneven:
-            for kind in c.kinds:
-                if kind.of_converter:
-                    found[c.rows(kind, station)] = True
+    stations = {s for s, codes in enumerate(c.codes) if codes is not None and codes.probability < LIMITS.uneven}
+    stations |= {x.station for x in significant if x.kind == 'piled' and x.probability < LIMITS.uneven}
+    for station in stations:
+        for kind in c.kinds:
+            if kind.of_converter:
+                found[c.rows(kind, station)] = True
     return found
 
 

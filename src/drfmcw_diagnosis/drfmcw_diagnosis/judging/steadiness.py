@@ -52,9 +52,11 @@ def odds_of_one_size(fitting: Fitting, fitted: Fitted) -> list[float]:
         changes = ((terms - terms.mean(axis=0)) / std).reshape(len(terms), -1)
         inverse = np.linalg.pinv(way @ way.T, hermitian=True)
         sizes = (changes @ way.T @ inverse).reshape(len(terms), len(random), 2)
+        # with the mean of the sweeps goes that of their phasors
+        known = (LIMITS.size**2 + 0.5 / len(terms)) * np.eye(2)
         for number in range(len(random)):
             own = slice(2 * number, 2 * number + 2)
-            sums[number] += _log_odds(sizes[:, number], inverse[own, own] + LIMITS.size**2 * np.eye(2)).sum()
+            sums[number] += _log_odds(sizes[:, number], inverse[own, own] + known).sum()
     for number, index in enumerate(random):
         found[index] = float(sums[number])
     return found

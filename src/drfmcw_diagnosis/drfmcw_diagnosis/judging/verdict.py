@@ -19,8 +19,8 @@ class VerdictLimits:
     """When a remainder counts against an explanation."""
 
     adequate: float = 1e-3
-    """Remainder of one kind of number at one station over what is explained of it [1], below which an explanation
-    holds whatever its significance: forward models are not exact; chosen, as the interface states it."""
+    """Remainder over what is explained [1], of one kind of number at one station or of all together, below which an
+    explanation holds whatever its significance: forward models are not exact; chosen, as the interface states it."""
 
     rounds: int = 3
     """Times that the search goes on from the effects that stand; chosen."""
@@ -68,7 +68,8 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
         current = widened(current, exchanged)
         alternatives = [f for f in rivals(search, current, exchanged) if all(s.stands for s in standings(search, f))]
         left = _significant(search, current, false_alarm_rate)
-        verdict = 'ambiguous' if alternatives else 'partial'
+        beside = 'explained' if _holds(search, current, left) else 'partial'
+        verdict = 'ambiguous' if alternatives else beside
         return Judgement(verdict, current, alternatives, exchanged, significance, left)
     current = widened(current, found.exchanged)
     alternatives = rivals(search, current, found.exchanged)
@@ -79,37 +80,44 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
 def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitted | None:
     """Return the effects that are there beyond doubt beside something unknown, None where there is none.
 
-    Effects that do not stand by themselves are dropped, the least convincing first. Then events without a name are set
-    aside, other numbers that the rest does not explain count by the scatter that they really have, and the search goes
-    on from what stands.
+    Effects that do not stand by themselves are dropped, the least convincing first, and not tried again until others
+    stand. Then events without a name are set aside, other numbers that the rest does not explain count by the scatter
+    that they really have, and the search goes on from what stands. In the end the search tries none that was dropped.
     """
     current: Fitted | None = found
+    dropped: frozenset[tuple[str, str]] = frozenset()
     for _ in range(LIMITS.rounds):
         current = _standing(search, current)
+        dropped |= search.doubted
         before = current.keys if current is not None else ()
         as_measured = search.whitening_of(current, with_unknown=False)
-        search.count_as_noise(current, events.left(search, current, as_measured))
+        search.count_as_noise(current, events.left(search, current, as_measured), search.templates_beside(current))
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
         if more is None or more.keys == before:
             break
         current = more
-    return _standing(search, current)
+    current = _standing(search, current)
+    search.doubted |= dropped - set(current.keys if current is not None else ())
+    return current
 
 
 def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
-    """Return an explanation without the effects that do not stand by themselves."""
+    """Return an explanation without the effects that do not stand by themselves; the search no longer tries these."""
+    dropped: set[tuple[str, str]] = set()
     while fitted is not None:
         search.trust(fitted)
         fitted = search.again(fitted)
         found = standings(search, fitted)
         doubtful = [i for i, standing in enumerate(found) if not standing.stands]
         if not doubtful:
-            return fitted
+            break
         worst = min(doubtful, key=lambda i: found[i].predicted)
+        dropped.add(fitted.effects[worst].key)
         kept = tuple(e for i, e in enumerate(fitted.effects) if i != worst)
         fitted = search.again(dataclasses.replace(fitted, effects=kept)) if kept else None
-    return None
+    search.doubted = frozenset(dropped - set(fitted.keys if fitted is not None else ()))
+    return fitted
 
 
 def _significant(search: Search, fitted: Fitted | None, false_alarm_rate: float) -> list[Leftover]:
@@ -125,7 +133,11 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         as_event = any(beyond < events.LIMITS.beaten for beyond in events.beyond_events(search, fitted))
         as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
         return not (as_event or as_noise)
-    if not all(_is_adequate(search, fitted, x) for x in left):
+    of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
+    residual = search.comparison.residual
+    explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
+    small = sum(x.at_least(x.excess) for x in left) < LIMITS.adequate * explained
+    if of_codes or not (small or all(_is_adequate(search, fitted, x) for x in left)):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)
     return all(standing.stands or effect.candidate.kind.bursts for effect, standing in found)
@@ -133,9 +145,11 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
 
 def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:
     """Return whether a remainder is small beside what an explanation explains of the same numbers."""
-    c = search.comparison
-    rows = c.entries.where(kind=left.kind, station=left.station)
-    if not rows.any():  # ADC codes, on which no effect acts
-        return False
-    before, after = (float(np.sum((c.residual - t)[rows] ** 2)) - rows.sum() for t in (0.0, fitted.template))
+    residual, rows = search.comparison.residual, _rows(search, left)
+    before, after = (float(np.sum((residual - t)[rows] ** 2)) - len(rows) for t in (0.0, fitted.template))
     return left.at_least(after) < LIMITS.adequate * before
+
+
+def _rows(search: Search, left: Leftover) -> np.ndarray:
+    """Return where the numbers of a remainder stand; none of ADC codes, which are not fitted."""
+    return np.flatnonzero(search.comparison.entries.where(kind=left.kind, station=left.station))

@@ -126,14 +126,20 @@ def _hat(weight: np.ndarray, at: np.ndarray, stiffness: float) -> np.ndarray:
         inverse = np.linalg.inv(normal / scale[:, :, None] / scale[:, None]) / scale[:, :, None] / scale[:, None]
         hat: np.ndarray = np.einsum('mi,pij,nj,pn->pmn', basis, inverse, basis, weights)
         return hat
-    stiff = stiffness * _roughness(at) if count > 2 else np.zeros((count, count))
-    diagonal = np.zeros((numbers, count, count))
-    diagonal[:, np.arange(count), np.arange(count)] = weights
-    return np.linalg.solve(diagonal + mean[:, None, None] * stiff, diagonal)
+    if count <= 2:
+        return np.broadcast_to(np.eye(count), (numbers, count, count))
+    # Reinsch's equations keep straight lines exactly, however near two points are or little is known at one
+    q, r = _roughness(at)
+    pulled = stiffness * mean[:, None, None] * q / weights[:, :, None]
+    inner = np.linalg.solve(r + q.T @ pulled, np.broadcast_to(q.T, (numbers, *q.T.shape)))
+    return np.eye(count) - pulled @ inner
 
 
-def _roughness(at: np.ndarray) -> np.ndarray:
-    """Return the matrix of a natural cubic spline's integrated squared second derivative over its values (M, M)."""
+def _roughness(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return matrices Q (M, M - 2) and R (M - 2, M - 2) of a natural cubic spline (Reinsch 1967).
+
+    The integral of its squared second derivative is f^T Q R^-1 Q^T f of its values f at M points.
+    """
     step = np.diff(at) / np.ptp(at)
     inner = len(at) - 2
     q, r = np.zeros((len(at), inner)), np.zeros((inner, inner))
@@ -143,8 +149,7 @@ def _roughness(at: np.ndarray) -> np.ndarray:
         r[i, i] = (step[i] + step[i + 1]) / 3.0
         if i + 1 < inner:
             r[i, i + 1] = r[i + 1, i] = step[i + 1] / 6.0
-    found: np.ndarray = q @ np.linalg.solve(r, q.T)
-    return found
+    return q, r
 
 
 def _weights(sample: Sample) -> tuple[np.ndarray, np.ndarray]:

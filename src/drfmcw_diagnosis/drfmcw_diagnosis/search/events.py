@@ -159,8 +159,17 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
     least = LIMITS.clearly if further is None else float(np.sum(now)) - further.misfit + LIMITS.clearly
     if gain < max(least, LIMITS.clearly):
         return False
-    fitting.set_aside = apart
-    return True
+    before, fitting.set_aside = fitting.set_aside, apart
+    if fitted is None:
+        return True
+    # what an event would make uncertain was found without it: something else bends the sweep
+    fitting.trust(fitted)
+    beside = zip(fitted.effects, fitting.fit(fitted.start, 1).effects, strict=True)
+    if all(then.certain or not now.certain for now, then in beside):
+        return True
+    fitting.set_aside = before
+    fitting.trust(fitted)
+    return False
 
 
 def _directions(fitting: Fitting, event: _Event) -> np.ndarray:

@@ -186,6 +186,12 @@ def series_of(entries: Entries) -> np.ndarray:
     return series
 
 
+def rows_of_series(entries: Entries) -> list[np.ndarray]:
+    """Return where the numbers of each series stand, in its order: one kind at one station."""
+    series = series_of(entries)
+    return [np.flatnonzero(series == number) for number in range(int(series.max()) + 1)]
+
+
 def cells_of(entries: Entries) -> np.ndarray:
     """Return the number of each number's cell (n,): one kind at one station in one group of sweeps."""
     cells: np.ndarray = series_of(entries) * (entries.group.max() + 1) + entries.group
@@ -450,19 +456,28 @@ class Fitting:
         weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
         return Whitening(weight, np.concatenate(directions))
 
-    def count_as_noise(self, fitted: 'Fitted | None', apart: np.ndarray) -> None:
+    def count_as_noise(self, fitted: 'Fitted | None', apart: np.ndarray, candidates: np.ndarray) -> None:
         """Set aside what has no name; let other numbers that are not explained count by the scatter that they have.
 
-        Numbers scatter in a cell alike: in one kind at one station in one group of sweeps.
+        Numbers scatter in a cell alike: in one kind at one station in one group of sweeps. What one effect more may
+        explain of a series, one kind at one station, is no scatter.
 
         Args:
             fitted: the explanation.
             apart: what is set aside, over the numbers' standard deviations and times its prior (k, n).
+            candidates: templates of effects that may explain more (M, n).
         """
         entries = self.comparison.entries
         template = fitted.template if fitted is not None else 0.0
-        as_measured = self.whitening_of(fitted, with_unknown=False)
-        rest = as_measured.beside(apart)(self.comparison.residual - template)
+        as_measured = self.whitening_of(fitted, with_unknown=False).beside(apart)
+        rest = as_measured(self.comparison.residual - template)
+        for rows in rows_of_series(entries):
+            one = candidates[:, rows] * as_measured.weight[rows]
+            power, along = np.einsum('mj,mj->m', one, one), one @ rest[rows]
+            gains = np.where(power > FIT.unfelt, along**2 / np.maximum(power, FIT.unfelt), 0.0)
+            best = int(np.argmax(gains)) if len(gains) else -1
+            if best >= 0:
+                rest[rows] -= one[best] * (along[best] / max(float(power[best]), FIT.unfelt))
         cells = cells_of(entries)
         used = np.bincount(cells, rest != 0.0)
         scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)

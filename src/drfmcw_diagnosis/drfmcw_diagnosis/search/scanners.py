@@ -21,7 +21,10 @@ from drfmcw_physics.sweep import Role
 from drfmcw_sim.effects import Recipe
 
 from ..compare.comparison import Comparison
+from ..compare.limits import SCATTER
+from ..features.extractor import ramp_spectrum
 from ..features.limits import SPECTRUM
+from ..features.sines import strongest, waves, without
 from .limits import SCAN
 
 Values = Sequence[float | tuple[float, ...]]
@@ -192,17 +195,39 @@ def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) 
 
 
 def _rhythms(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
-    """Return frequencies at which the phases change from sweep to sweep, as a modulation of random phase does [Hz]."""
+    """Return frequencies at which the phases change from sweep to sweep, as a modulation of random phase does [Hz].
+
+    First those at which the sweeps themselves hold sines, then those that the remainder suggests: it shows a strong
+    modulation distorted, but a faint one beside others.
+    """
     groups, channels, count = c.std.flutter.shape
     step = float(c.time[1] - c.time[0])
-    frequency = np.fft.rfftfreq(SCAN.fine * count, step)[1:]
-    frequency = frequency[frequency * step * (count - 1) >= SCAN.slowest_ripple]
-    turn = 2.0 * math.pi * frequency[:, None] * step * np.arange(count)
+    frequency = waves(count).frequency
+    turn = 2.0 * math.pi * frequency[:, None] * np.arange(count)
     power = scipy.fft.dct(np.cos(turn), norm='ortho') ** 2 + scipy.fft.dct(np.sin(turn), norm='ortho') ** 2
     z = residual[c.entries.where(kind='flutter')].reshape(groups, channels, count)[:, channels // 2 :].sum(axis=0)
     # each channel has a size of its own: that in which the oscillators' noise cancels shows a part of it
     gain = np.maximum(z @ power.T, 0.0) ** 2 / np.sum(power**2, axis=1)
-    return tuple(float(frequency[k]) for k in _peaks(gain.sum(axis=0)))
+    found = [*_sines(c), *_peaks(gain.sum(axis=0))]
+    return tuple(float(frequency[number]) / step for number in dict.fromkeys(found))
+
+
+def _sines(c: Comparison) -> list[int]:
+    """Return the numbers of the sines of any phase that the phases of all sweeps hold, the strongest first.
+
+    Each is taken out before the next is looked for.
+    """
+    _, channels, _ = c.std.flutter.shape
+    groups = list(enumerate(c.sweeps))
+    stds = [np.sqrt(c.std.flutter[g, row]) for g, _ in groups for row in range(channels // 2, channels)]
+    terms = [ramp_spectrum(sweeps.ramp[:, row]) for _, sweeps in groups for row in range(channels // 2, channels)]
+    series = [values - values.mean(axis=0) for values in terms]
+    found: list[int] = []
+    for _ in range(SCAN.peaks):
+        found.append(strongest(series, stds, SCATTER.steady)[0])
+        pairs = zip(series, stds, strict=True)
+        series = [without(values, std, found[-1], SCATTER.steady) for values, std in pairs]
+    return found
 
 
 def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:

@@ -38,6 +38,8 @@ class Search(Fitting):
         super().__init__(comparison, jobs)
         self._kept: dict[tuple, np.ndarray] = {}
         self._left_out = without
+        self.doubted: frozenset[tuple[str, str]] = frozenset()
+        """Effects, with their stations, that are not tried because they imitate something unknown."""
         self.report = progress or (lambda text, share: None)
         data = comparison.data
         groups = [int(data.group[m[0]]) for m in comparison.members]
@@ -97,6 +99,13 @@ class Search(Fitting):
                     found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point))
         return found
 
+    def templates_beside(self, fitted: Fitted | None) -> np.ndarray:
+        """Return the templates of all starting points beside an explanation (M, n), of the scanners' too."""
+        template = fitted.template if fitted is not None else 0.0
+        scanned = self._scanned(self.without_set_aside(self.comparison.residual - template))
+        units = self._units([(c, c.values) for c in scanned])
+        return np.concatenate([self.templates, np.array(units).reshape(len(units), len(self.comparison.residual))])
+
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
         """Return the template of a candidate; templates are kept."""
         return self._units([(candidate, values or candidate.values)])[0]
@@ -147,12 +156,17 @@ class Search(Fitting):
         return sorted(found, key=lambda item: -item[0])
 
     def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
-        """Return whether a candidate differs from the effects beside it: another kind, or a resolution cell apart."""
+        """Return whether a candidate may be tried beside effects: another kind, or a resolution cell apart."""
         same = [e for e in beside if e.key == candidate.key]
-        if len(same) >= SEARCH.of_a_kind:
+        if len(same) >= SEARCH.of_a_kind or self._is_doubted(candidate):
             return False
         name, width = candidate.recipe.scanned, resolution(self.comparison, candidate.recipe)
         return all(candidate.recipe.repeats and abs(e.values[name] - values[name]) > width for e in same)
+
+    def _is_doubted(self, candidate: Candidate) -> bool:
+        """Return whether an effect is not tried at a station, or at both of which one is doubted."""
+        stations = {station for effect, station in self.doubted if effect == candidate.effect}
+        return candidate.station in stations or bool(stations and not candidate.station)
 
     def _power(self, templates: np.ndarray, freedom: Freedom | None) -> np.ndarray:
         """Return the squared lengths of templates (..., n) without what an explanation can follow of them."""

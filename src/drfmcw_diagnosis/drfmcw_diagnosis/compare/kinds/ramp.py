@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.fft
@@ -10,6 +11,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from drfmcw_physics.constants import DECIBELS_PER_NEPER
 
 from ...features.extractor import gaussian, local_noise, median_of_mean
+from ...features.sines import without_strong
 from ..limits import MODEL, SCATTER
 from ..measuring import Evidence
 from ..predicting import Expected
@@ -90,18 +92,18 @@ class Flutter(_OfChannels):
         if not evidence.recorded.scatters:
             ones = np.ones((len(evidence.counts), *evidence.ramps[0].shape[1:]))
             return ones, ones
-        return evidence.by_group(lambda g: _over_neighbours(evidence.ramps[g]))
+        phases = [i for i, channel in enumerate(evidence.recorded.channels) if channel.of_phase]
+        return _over_neighbours(evidence.ramps, phases)
 
     def predicted(self, expected: Expected) -> np.ndarray:
-        """Return 1 and what effects of random phase add beyond the terms around.
+        """Return 1 and what effects of random phase add.
 
         What mirror lines and lines of random phase add is only known well enough to doubt, see `uncertain`.
         """
         around = expected.std[self.name][expected.part.groups]
         result = np.ones(around.shape)
         if expected.fluttering is not None:
-            added = (expected.fluttering / around)[..., SCATTER.steady :]
-            result[..., SCATTER.steady :] += added - local_noise(added, SCATTER.flutter_median)
+            result[..., SCATTER.steady :] += (expected.fluttering / around)[..., SCATTER.steady :]
         return np.maximum(result, 0.0)
 
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
@@ -156,22 +158,44 @@ class Flutter(_OfChannels):
         return Plotted(x, shown.whitened, np.ones(count), shown.template, 'σ', at_distance(shown))
 
 
-def _over_neighbours(ramp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return variances over those of the terms around, and the latter, (2 S, K) each.
+def _over_neighbours(ramps: Sequence[np.ndarray], phases: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return variances over those of the terms around, and the latter, (G, 2 S, K) each.
+
+    A modulation is no noise of the terms around it: what all groups hold of one is taken out of these.
 
     Args:
-        ramp: cosine series of a group's sweeps (n, 2 S, K).
+        ramps: cosine series of each group's sweeps (n, 2 S, K).
+        phases: channels that are phases.
     """
+    variance = np.stack([_variance(ramp) for ramp in ramps])
+    around = np.stack([_around(v, len(ramp)) for v, ramp in zip(variance, ramps, strict=True)])
+    rest = [ramp.copy() for ramp in ramps]
+    for channel in phases:
+        stds = list(np.sqrt(around[:, channel]))
+        left = without_strong([ramp[:, channel] for ramp in ramps], stds, SCATTER.steady)
+        for ramp, values in zip(rest, left, strict=True):
+            ramp[:, channel] = values
+    around = np.stack([_around(_variance(ramp), len(ramp)) for ramp in rest])
+    return variance / around, around
+
+
+def _variance(ramp: np.ndarray) -> np.ndarray:
+    """Return the variance of the terms of a group's sweeps (2 S, K)."""
     squares = (ramp - ramp.mean(axis=0)) ** 2
     power = squares[..., SCATTER.steady :].mean(axis=-1, keepdims=True)
     # a single noisy sweep must not determine how all scatter
     weight = np.minimum(SCATTER.noisy * np.median(power, axis=0) / power, 1.0)
-    variance = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
+    found: np.ndarray = len(ramp) / (len(ramp) - 1) * np.sum(weight * squares, axis=0) / np.sum(weight, axis=0)
+    return found
+
+
+def _around(variance: np.ndarray, count: int) -> np.ndarray:
+    """Return the variance around each term (2 S, K), of as many sweeps."""
     trend = _trend(variance)
     steady = local_noise(variance[:, SCATTER.steady :] / trend[:, SCATTER.steady :], SCATTER.flutter_median)
     local = np.pad(steady, ((0, 0), (SCATTER.steady, 0)), 'edge')  # the terms ahead are no noise
-    around = trend * local / median_of_mean((len(ramp) - 1) / 2)
-    return variance / around, around
+    found: np.ndarray = trend * local / median_of_mean((count - 1) / 2)
+    return found
 
 
 def _trend(variance: np.ndarray) -> np.ndarray:
