@@ -120,12 +120,12 @@ def _outcome(
     if verdict == 'partial':
         return _of_partial(keys(known), named[0], whole=len(known) == len(truth['effects']))
     if len(known) < len(truth['effects']):
-        return _of_unregistered(truth, keys(known), verdict, named, alike)
+        return _of_unregistered(truth, finding, keys(known), named, alike)
     if verdict == 'unexplained':
         return 'unnamed', 'in the registry, yet called unexplained'
     if verdict == 'explained':
         return _of_explained(truth, wanted, named[0], alike)
-    return _of_ambiguous(truth, wanted, named, alike)
+    return _of_ambiguous(truth, finding, wanted, named, alike)
 
 
 def _of_partial(known: Explained, named: Explained, whole: bool) -> tuple[str, str]:
@@ -140,14 +140,21 @@ def _of_partial(known: Explained, named: Explained, whole: bool) -> tuple[str, s
 
 
 def _of_unregistered(
-    truth: Mapping[str, Any], known: Explained, verdict: str, named: tuple[Explained, ...], alike: set[Explained]
+    truth: Mapping[str, Any],
+    finding: Mapping[str, Any],
+    known: Explained,
+    named: tuple[Explained, ...],
+    alike: set[Explained],
 ) -> tuple[str, str]:
+    verdict = finding['verdict']
     if verdict == 'unexplained':
         return ('unnamed', 'nothing named') if known else ('right', 'unexplained, as it should be')
     if known == named[0] and verdict == 'explained':
         return 'right', 'named, what the registry lacks is far smaller'
     if known in named and verdict == 'ambiguous':
         return 'right', 'named among others, beside what the registry lacks'
+    if finding.get('remainder') and _in_part(truth, known, named):
+        return 'unnamed', 'named in part, among others'
     if alike >= set(named):
         how = 'right' if _rivals(truth) & set(named) else 'imitated'
         return how, f'called {verdict} by an effect that the data cannot separate from the truth'
@@ -166,9 +173,21 @@ def _of_explained(
     return 'right', 'named'
 
 
+def _in_part(truth: Mapping[str, Any], known: Explained, named: tuple[Explained, ...]) -> bool:
+    """Return whether each explanation holds effects that are there, or some of a rival, and one nothing else."""
+    every = [known, *_rivals(truth)]
+    return any(e <= known for e in named) and all(any(e <= one for one in every) for e in named)
+
+
 def _of_ambiguous(
-    truth: Mapping[str, Any], wanted: Explained, named: tuple[Explained, ...], alike: set[Explained]
+    truth: Mapping[str, Any],
+    finding: Mapping[str, Any],
+    wanted: Explained,
+    named: tuple[Explained, ...],
+    alike: set[Explained],
 ) -> tuple[str, str]:
+    if wanted not in named and finding.get('remainder') and _in_part(truth, wanted, named):
+        return 'unnamed', 'named in part, among others'
     if wanted not in named:
         return 'wrong', 'ambiguous, the truth not among the explanations'
     if _rivals(truth) & set(named):

@@ -24,7 +24,12 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
     """
 
     def is_near(other: Fitted) -> bool:
-        alike = other.misfit - fitted.misfit < SEARCH.rival and other.evidence > fitted.evidence - RIVALS.worse
+        # one effect in the place of several has more freedom than each of them, and needs no excuse for it
+        simpler = len(other.effects) < len(fitted.effects) or any(
+            e.candidate.recipe.coefficients for e in other.effects
+        )
+        likely = simpler or other.evidence > fitted.evidence - RIVALS.worse
+        alike = other.misfit - fitted.misfit < SEARCH.rival and likely
         # what fits as well by the noise elsewhere explains something else, but nobody knows which if it fits better
         return alike and (other.misfit <= fitted.misfit or search.apart(other, fitted) < RIVALS.says_the_same)
 

@@ -11,6 +11,9 @@ So an effect of that kind is also in doubt where it leaves much of the range's e
 explains and the others cannot follow, and where others of that kind, which may nearly cancel it, make it many times
 less certain than it would be without them.
 
+Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
+something unknown has.
+
 What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`. What
 is left beside an effect is what is left beside the events that are set aside as well.
 
@@ -60,6 +63,8 @@ class StandingLimits:
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
+    alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
+    cancelled: float = 4.0  # power of an effect over that of the sum with all that may cancel it, at most [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
@@ -81,6 +86,7 @@ class Standing:
     unexplained: float = 0.0  # of effects that the noise alone shows
     uneven_power: float = 0.0  # of effects that the received power alone shows
     inflated: float = 1.0  # of effects that the range alone shows
+    cancelled: float = 1.0
     beyond_event: float = np.inf  # of effects that show over the sweep alone
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
 
@@ -98,9 +104,15 @@ class Standing:
             and self.unexplained < LIMITS.unexplained
             and self.uneven_power < LIMITS.uneven_power
             and self.inflated < LIMITS.inflated
+            and not self.is_cancelled
             and not self.is_event
             and not self.is_noise
         )
+
+    @property
+    def is_cancelled(self) -> bool:
+        """True where others nearly cancel the effect: together they follow a curve that nobody knows."""
+        return self.cancelled > LIMITS.cancelled
 
     @property
     def is_event(self) -> bool:
@@ -137,6 +149,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
+    cancelled = cancellations(fitting, fitted)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -166,11 +179,23 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], as_it_is(residual), as_it_is(alone)),
                 uneven_power=_uneven_power(fitting, fitted.effects[number], residual, alone),
                 inflated=inflations[number],
+                cancelled=cancelled[number],
                 beyond_event=beyond[number],
                 one_size=one_size[number],
             )
         )
     return found
+
+
+def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
+    """Return the power of what each effect adds over that of its sum with all effects that add much the same."""
+    templates = [fitting.comparison.template([e.build()]) for e in fitted.effects]
+    added = fitting.whitening(np.array(templates))
+    products = added @ added.T
+    length = np.sqrt(np.maximum(np.diag(products), 1e-30))
+    alike = np.abs(products) > LIMITS.alike * np.outer(length, length)
+    together = [float(np.sum(products[np.ix_(own, own)])) for own in alike]
+    return [float(power / max(total, 1e-30)) for power, total in zip(length**2, together, strict=True)]
 
 
 def _excess(rest: np.ndarray) -> float:

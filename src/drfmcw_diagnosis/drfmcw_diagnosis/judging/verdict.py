@@ -9,7 +9,7 @@ from ..search.fitting import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.search import Search
 from ..search.selection import Found, forward, pruned
-from . import steadiness
+from . import standing, steadiness
 from .rivals import rivals, widened
 from .standing import standings
 
@@ -45,9 +45,9 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     """Return the verdict on a recording.
 
     Effects that leave nothing beyond chance explain it, unless an event without a name explains as much as one of them,
-    or a modulation scatters as noise does. A remainder far smaller than what they explain is reported and changes
-    nothing, provided that every effect stands by itself beside it, see `standing`: a small effect may imitate what a
-    large one leaves. Beside a larger one only those effects are named that stand.
+    a modulation scatters as noise does, or two effects nearly cancel. A remainder far smaller than what they explain is
+    reported and changes nothing, provided that every effect stands by itself beside it, see `standing`: a small effect
+    may imitate what a large one leaves. Beside a larger one only those effects are named that stand.
 
     Args:
         search: of the recording.
@@ -109,7 +109,7 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
         search.trust(fitted)
         fitted = search.again(fitted)
         found = standings(search, fitted)
-        doubtful = [i for i, standing in enumerate(found) if not standing.stands]
+        doubtful = [i for i, one in enumerate(found) if not one.stands]
         if not doubtful:
             break
         worst = min(doubtful, key=lambda i: found[i].predicted)
@@ -132,7 +132,8 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     if not left:
         as_event = any(beyond < events.LIMITS.beaten for beyond in events.beyond_events(search, fitted))
         as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
-        return not (as_event or as_noise)
+        as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
+        return not (as_event or as_noise or as_curve)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     residual = search.comparison.residual
     explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
@@ -140,7 +141,7 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     if of_codes or not (small or all(_is_adequate(search, fitted, x) for x in left)):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)
-    return all(standing.stands or effect.candidate.kind.bursts for effect, standing in found)
+    return all(one.stands or effect.candidate.kind.bursts for effect, one in found)
 
 
 def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:

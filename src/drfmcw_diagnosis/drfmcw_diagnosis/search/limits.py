@@ -147,6 +147,9 @@ class SelectionLimits:
     better: float = 3.0
     """Log evidence by which an exchange must be better to be made; chosen."""
 
+    as_well: float = 8.0
+    """Misfit by which one effect in the place of several may be behind and still take it [1]; chosen."""
+
     most: int = 6
     """Effects in one explanation; chosen."""
 

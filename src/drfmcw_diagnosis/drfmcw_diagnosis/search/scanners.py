@@ -241,7 +241,8 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
     rows, group, weight, z = rows[used], group[used], weight[used], residual[chosen][used]
     time = c.data.time[rows]
     step = max(0.25 / max(np.ptp(time), 1.0), SCAN.fastest_sway / (SCAN.fine * SCAN.sway_cells))
-    frequency = np.arange(1, int(SCAN.fastest_sway / step)) * step
+    slowest = recipe.limits.get(recipe.scanned, (0.0,))[0]
+    frequency = np.arange(max(math.ceil(slowest / step), 1), int(SCAN.fastest_sway / step)) * step
     members, starts, of_member, counts = np.unique(group, return_index=True, return_inverse=True, return_counts=True)
     error, weight_of_mean = residual[c.entries.where(kind='range')][members], 1.0 / c.std.range[members]
 

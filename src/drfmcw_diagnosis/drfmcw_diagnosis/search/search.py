@@ -12,7 +12,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.comparison import Comparison
 from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
-from .fitting import Fitted, FittedEffect, Fitting, Freedom
+from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of
 from .limits import SEARCH
 from .scanners import resolution, starting_points
 
@@ -242,13 +242,17 @@ class Search(Fitting):
         return self.fit(fitted.start, 4, linearised=fitted.linearised, exact=True)
 
     def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
-        """Return the gain that an effect may owe to errors of the other effects' forward models, in the worst case."""
+        """Return the gain that an effect may owe to errors of the other effects' forward models.
+
+        An error is at its worst within a cell, see `cells_of`, and independent from cell to cell.
+        """
         if others is None:
             return 0.0
         weight = self.whitening.weight
         template = np.abs(self._template([effect.build()])) * weight
         doubt = SEARCH.off * np.abs(others.template) * weight
-        return float((template @ doubt) ** 2 / max(float(template @ template), 1e-30))
+        overlap = np.bincount(cells_of(self.comparison.entries), template * doubt)
+        return float(overlap @ overlap) / max(float(template @ template), 1e-30)
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
         """Return whether an explanation's last effect is certain, differs from the others, and is no mere power drift.

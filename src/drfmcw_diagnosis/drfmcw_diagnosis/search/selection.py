@@ -18,7 +18,7 @@ class Found:
     explanation: Fitted | None
     significance: float  # chance of the first effect
     rounds: list[list[Fitted]]  # ranking at each addition
-    exchanged: list[Fitted]  # explanations with one effect exchanged
+    exchanged: list[Fitted]  # explanations with one effect exchanged, or several by one
 
 
 def searched(search: Search, false_alarm_rate: float) -> Found:
@@ -31,13 +31,16 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     current, significance, rounds = forward(search, None, false_alarm_rate)
     current = pruned(search, current, false_alarm_rate)
     exchanged: list[Fitted] = []
+    united: list[Fitted] = []
     for _ in range(SELECTION.exchanged):
         if current is None:
             break
         search.trust(current)
         current = search.again(current)
-        bent = _unified(search, current, false_alarm_rate)
+        united = search.unified(current, 1)
+        bent = _better(search, current, united, false_alarm_rate)
         if bent is not None:
+            united = [current]
             grown, _, more = forward(search, bent, false_alarm_rate)
             current = pruned(search, grown, false_alarm_rate) or bent
             rounds += more
@@ -59,19 +62,29 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         current, _, more = forward(search, current, false_alarm_rate)
         current = pruned(search, current, false_alarm_rate)
         rounds += more
-    return Found(current, significance, rounds, exchanged)
+        united = []
+    return Found(current, significance, rounds, [*exchanged, *united])
 
 
-def _unified(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted | None:
+def _better(search: Search, current: Fitted, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
     """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
     A ramp whose rate changes over the band resembles several small errors of a straight one. In the place of one effect
     it must explain the rest of the ramp, since it follows much.
+
+    Args:
+        search: of the recording.
+        current: the explanation.
+        united: explanations with one effect in the place of several, best first.
+        false_alarm_rate: chance of what is left of the ramp, at least.
     """
-    for other in search.unified(current, 1):
+    for other in united:
+        fewer = len(other.effects) < len(current.effects)
+        if fewer and other.misfit < current.misfit + SELECTION.as_well:
+            return other
         if other.evidence < current.evidence + SELECTION.better:
-            break
-        if len(other.effects) < len(current.effects):
+            continue
+        if fewer:
             return other
         if all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other)):
             return other

@@ -31,6 +31,7 @@ class Sway(Effect, name='sway', of=Of.PATH):
             start={'amplitude': 1e-4},
             prior={'amplitude': 0.5, 'frequency': 2.0, 'phase': 3.0},
             quadrature=('phase', np.pi / 2.0),
+            limits={'frequency': (0.02, 50.0)},  # what takes longer than a minute is a drift
             steps={'frequency': 1e-5, 'phase': 0.01},
             scan='oscillation',
             scanned='frequency',
