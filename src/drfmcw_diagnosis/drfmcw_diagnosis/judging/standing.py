@@ -7,9 +7,10 @@ station in one group of sweeps. What one group alone shows, as clipping where th
 distance can confirm; then one kind of number must predict the other.
 
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
-So an effect of that kind is also in doubt where it leaves much of the range's error unexplained, measured by what it
-explains and the others cannot follow, and where others of that kind, which may nearly cancel it, make it many times
-less certain than it would be without them.
+So an effect of that kind is also in doubt where a freer curve of the same condition explains much of what is left,
+measured by what the effect explains and the others cannot follow, see `curves`; where it depends on no condition alone
+and much is left; and where others of that kind, which may nearly cancel it, make it many times less certain than it
+would be without them. What range and beat frequency alone show is in doubt where a step explains as much.
 
 Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
 something unknown has.
@@ -38,6 +39,7 @@ from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
 from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
 from ..search.leftovers import Leftover, leftovers
+from .curves import bent, beyond_steps
 from .steadiness import LIMITS as STEADINESS
 from .steadiness import odds_of_one_size
 
@@ -58,6 +60,7 @@ class StandingLimits:
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
+    bent: float = 0.02  # what a freer curve of its condition explains of that rest, over the same [1]
     unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
     by_power: float = 0.9  # the same in the received power [1]
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
@@ -82,7 +85,9 @@ class Standing:
     probability: float
     testable: bool  # more than one group shows it, or more than one kind of number
     gain: float  # misfit that it explains beside the others
-    left: float = 0.0  # of effects that the range alone shows
+    left: float = 0.0  # of effects that the range alone shows, and that depend on no condition alone
+    bent: float = 0.0  # of effects that the range alone shows, and that depend on one
+    beyond_step: float = np.inf  # of effects that range and beat frequency alone show
     unexplained: float = 0.0  # of effects that the noise alone shows
     uneven_power: float = 0.0  # of effects that the received power alone shows
     inflated: float = 1.0  # of effects that the range alone shows
@@ -101,6 +106,7 @@ class Standing:
             and self.evidence > LIMITS.evidence
             and self.probability < LIMITS.probability
             and self.left < LIMITS.left
+            and self.bent < LIMITS.bent
             and self.unexplained < LIMITS.unexplained
             and self.uneven_power < LIMITS.uneven_power
             and self.inflated < LIMITS.inflated
@@ -116,8 +122,8 @@ class Standing:
 
     @property
     def is_event(self) -> bool:
-        """True where a step or a bump within the sweep explains more than the effect."""
-        return self.beyond_event < EVENTS.beaten
+        """True where a step or a bump within the sweep, or a step over a condition, explains more than the effect."""
+        return min(self.beyond_event, self.beyond_step) < EVENTS.beaten
 
     @property
     def is_noise(self) -> bool:
@@ -149,7 +155,9 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
-    cancelled = cancellations(fitting, fitted)
+    cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
+    curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
+    of_range = _of_level(fitting, 'range')
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -166,6 +174,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
+        explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
+        curve = curves[number]
         # a group holds few bursts, so each part of the numbers knows their size to that only
         doubt = MODEL.bursts**2 if fitted.effects[number].candidate.kind.bursts else 0.0
         found.append(
@@ -173,9 +183,9 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 standing,
                 over_groups=standing.over_groups - doubt,
                 over_kinds=standing.over_kinds - doubt,
-                left=_left_of_range(fitting, left_over, measured) / _own_share(slopes, own, added)
-                if by_range[number]
-                else 0.0,
+                left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
+                bent=curve / explained if by_range[number] and curve is not None else 0.0,
+                beyond_step=steps[number],
                 unexplained=_unexplained_signal(fitting, fitted.effects[number], as_it_is(residual), as_it_is(alone)),
                 uneven_power=_uneven_power(fitting, fitted.effects[number], residual, alone),
                 inflated=inflations[number],
@@ -213,12 +223,6 @@ def _of_kind(fitting: Fitting, name: str, station: int) -> np.ndarray:
     """Return where the numbers of a kind stand, of one station or channel."""
     c = fitting.comparison
     return next(c.rows(kind, station) for kind in c.kinds if kind.name == name)
-
-
-def _left_of_range(fitting: Fitting, rest: np.ndarray, added: np.ndarray) -> float:
-    """Return the rest of the range over what an effect explains of it; arguments as `_unexplained_signal`."""
-    rows = _of_level(fitting, 'range')
-    return _excess(rest[rows]) / max(float(added[rows] @ added[rows]), 1e-30)
 
 
 def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from ..search.fitting import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.search import Search
 from ..search.selection import Found, forward, pruned
-from . import standing, steadiness
+from . import curves, standing, steadiness
 from .rivals import rivals, widened
 from .standing import standings
 
@@ -21,6 +21,9 @@ class VerdictLimits:
     adequate: float = 1e-3
     """Remainder over what is explained [1], of one kind of number at one station or of all together, below which an
     explanation holds whatever its significance: forward models are not exact; chosen, as the interface states it."""
+
+    largest: float = 400.0
+    """Remainder of all together, at most [1]; chosen: 20 standard deviations are no error of a model."""
 
     rounds: int = 3
     """Times that the search goes on from the effects that stand; chosen."""
@@ -90,8 +93,7 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
         current = _standing(search, current)
         dropped |= search.doubted
         before = current.keys if current is not None else ()
-        as_measured = search.whitening_of(current, with_unknown=False)
-        search.count_as_noise(current, events.left(search, current, as_measured), search.templates_beside(current))
+        search.count_as_noise(current, _without_name(search, current), search.templates_beside(current))
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
         if more is None or more.keys == before:
@@ -102,9 +104,15 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     return current
 
 
+def _without_name(search: Search, fitted: Fitted | None) -> np.ndarray:
+    """Return events and curves without a name beside an explanation, as `events.left` and `curves.left` do."""
+    as_measured = search.whitening_of(fitted, with_unknown=False)
+    return np.concatenate([events.left(search, fitted, as_measured), curves.left(search, fitted, as_measured)])
+
+
 def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
     """Return an explanation without the effects that do not stand by themselves; the search no longer tries these."""
-    dropped: set[tuple[str, str]] = set()
+    search.doubted = frozenset()
     while fitted is not None:
         search.trust(fitted)
         fitted = search.again(fitted)
@@ -113,10 +121,11 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
         if not doubtful:
             break
         worst = min(doubtful, key=lambda i: found[i].predicted)
-        dropped.add(fitted.effects[worst].key)
+        search.give_up(fitted.effects[worst])
         kept = tuple(e for i, e in enumerate(fitted.effects) if i != worst)
         fitted = search.again(dataclasses.replace(fitted, effects=kept)) if kept else None
-    search.doubted = frozenset(dropped - set(fitted.keys if fitted is not None else ()))
+        search.set_aside = _without_name(search, fitted)
+    search.doubted -= set(fitted.keys if fitted is not None else ())
     return fitted
 
 
@@ -130,14 +139,15 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        as_event = any(beyond < events.LIMITS.beaten for beyond in events.beyond_events(search, fitted))
+        beyond = [*events.beyond_events(search, fitted), *curves.beyond_steps(search, fitted)]
+        as_event = min(beyond) < events.LIMITS.beaten
         as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
         as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
         return not (as_event or as_noise or as_curve)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     residual = search.comparison.residual
     explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
-    small = sum(x.at_least(x.excess) for x in left) < LIMITS.adequate * explained
+    small = sum(x.at_least(x.excess) for x in left) < min(LIMITS.adequate * explained, LIMITS.largest)
     if of_codes or not (small or all(_is_adequate(search, fitted, x) for x in left)):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)

@@ -87,6 +87,9 @@ class SearchLimits:
     alike: float = 0.9
     """Cosine between the templates of a size and of twice the size, if they are more than rounding; chosen."""
 
+    same_shape: float = 0.98
+    """Cosine between what two effects add, from which on one is doubted with the other; chosen."""
+
     nothing: float = 1e-6
     """Length of a template below which this recording cannot show the effect; chosen."""
 

@@ -99,12 +99,30 @@ class Search(Fitting):
                     found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point))
         return found
 
-    def templates_beside(self, fitted: Fitted | None) -> np.ndarray:
-        """Return the templates of all starting points beside an explanation (M, n), of the scanners' too."""
+    def templates_beside(self, fitted: Fitted | None, scanned: bool = True) -> np.ndarray:
+        """Return the templates of all starting points that may be tried beside an explanation (M, n).
+
+        Args:
+            fitted: the explanation, None for none.
+            scanned: those too that scanners find.
+        """
+        beside = fitted.effects if fitted is not None else ()
+        kept = [i for i, c in enumerate(self.bank) if self._is_other(c, c.values, beside)]
+        if not scanned:
+            return self.templates[kept]
         template = fitted.template if fitted is not None else 0.0
-        scanned = self._scanned(self.without_set_aside(self.comparison.residual - template))
-        units = self._units([(c, c.values) for c in scanned])
-        return np.concatenate([self.templates, np.array(units).reshape(len(units), len(self.comparison.residual))])
+        found = self._scanned(self.without_set_aside(self.comparison.residual - template))
+        units = self._units([(c, c.values) for c in found if self._is_other(c, c.values, beside)])
+        added = np.array(units, np.float32).reshape(len(units), len(self.comparison.residual))
+        return np.concatenate([self.templates[kept], added])
+
+    def give_up(self, effect: FittedEffect) -> None:
+        """Do not try an effect again, nor others that add the same."""
+        own = self.whitening.weight * self._template([effect.build()])
+        along = self.templates @ (self.whitening.weight * own).astype(np.float32)
+        length = np.linalg.norm(self.templates * self.whitening.weight.astype(np.float32), axis=1)
+        alike = np.abs(along) > SEARCH.same_shape * np.maximum(length * float(np.linalg.norm(own)), SEARCH.nothing)
+        self.doubted |= {effect.key} | {self.bank[i].key for i in np.flatnonzero(alike)}
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
         """Return the template of a candidate; templates are kept."""

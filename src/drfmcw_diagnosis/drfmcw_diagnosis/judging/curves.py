@@ -1,0 +1,229 @@
+"""Curves and steps without a name in range and beat frequency, over distance, time, temperature or speed.
+
+In: an explanation. Out: of each effect that shows there alone, what a freer curve of the same condition explains beside
+it, and by how much it explains more than a step over any condition in its place. A bent rail resembles a scale, a
+crystal that jumps resembles several drifts: such an effect is in doubt.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy import stats
+
+from ..compare.kinds import Kind
+from ..search.fitting import Fitted, Fitting, Freedom
+from ..search.search import Search
+from ..search.whitening import Whitening
+
+
+@dataclasses.dataclass(frozen=True)
+class CurveLimits:
+    """When a curve or a step is taken for the cause."""
+
+    degrees: tuple[int, ...] = (2, 3)
+    """Degrees of the freer curve, which a constant and a slope do not follow; chosen."""
+
+    of_condition: float = 0.995
+    """Share of an effect's squares that a cubic curve of a condition follows, from which on it is one; chosen."""
+
+    chance: float = 1e-3
+    """Of what the freer curve explains, above which it is no evidence; chosen."""
+
+    nearly_best: float = 0.5
+    """Of what the best condition's curve explains, from which on another condition may as well be the cause; chosen."""
+
+    by_path: float = 0.3
+    """Share of an effect's power in range and beat frequency, above which a step may stand for it [1]; chosen."""
+
+    parameter: float = 2.0
+    """Gain that each parameter must bring (Akaike 1974)."""
+
+    worth: float = 0.6
+    """Share of what is left of a kind of number that a curve must explain to be set aside [1]; chosen."""
+
+    unlikely: float = 1e-6
+    """Chance of a curve above which it is not set aside [1]; chosen."""
+
+    clearly: float = 30.0
+    """Gain by which a curve must exceed that of any effect to be set aside [1]; chosen."""
+
+    prior: float = 30.0
+    """Standard deviation of a curve's coefficients that is set aside, over those found [1]; chosen: any size."""
+
+    least_power: float = 0.1
+    """Share of a step's power that the other effects must leave of it [1]; chosen."""
+
+
+LIMITS = CurveLimits()
+_CUBIC = (0, 1, 2, 3)  # degrees
+_PATH = ('range', 'beat')  # kinds of numbers
+
+
+def conditions(fitting: Fitting) -> dict[str, np.ndarray]:
+    """Return what may change from group to group, those that do: by name, in each group (G,)."""
+    c, data = fitting.comparison, fitting.comparison.data
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.array([float(np.mean(values[m])) for m in c.members])
+
+    found = {'distance': c.recorded.distance, 'time': mean(data.time), 'air': mean(data.temperature)}
+    if not c.standing.all():
+        found['speed'] = c.slope
+    found |= {f'board {i}': mean(board) for i, board in enumerate(data.board_temperature)}
+    return {name: x for name, x in found.items() if np.isfinite(x).all() and np.ptp(x) > 0.0}
+
+
+def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray) -> list[float | None]:
+    """Return of each effect what a freer curve of its own condition explains of the range's error beside it.
+
+    None where an effect depends on no condition alone, or is no effect on the range alone. Zero where chance explains
+    as much, or where a curve of another condition explains far more.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation.
+        slopes: of its parameters, whitened (P, n).
+        rest: what it leaves, whitened (n,).
+    """
+    c, beside = fitting.comparison, Freedom(slopes)
+    kind = next(k for k in c.kinds if k.name == 'range')
+    over = conditions(fitting)
+    gains = {}
+    for name, x in over.items():
+        followed = beside.left(fitting.whitening(_curves(fitting, kind, x, LIMITS.degrees)))
+        gains[name] = float(_sizes(followed, rest) @ (followed @ rest))
+    most = max(gains.values(), default=0.0)
+    found: list[float | None] = []
+    for effect in fitted.effects:
+        added = c.predict((effect.build(),)).range - c.plain.range  # in each group (G,) [m]
+        own = [name for name, x in over.items() if _follows(added, x)]
+        if not own:
+            found.append(None)
+            continue
+        gain = max(gains[name] for name in own)
+        by_chance = float(stats.chi2.sf(gain, len(LIMITS.degrees))) > LIMITS.chance
+        found.append(0.0 if by_chance or gain < LIMITS.nearly_best * most else gain)
+    return found
+
+
+def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:
+    """Return curves of a condition beside an explanation that no effect describes, each times its prior (k, n).
+
+    Args:
+        search: of the recording.
+        fitted: the explanation, None for none.
+        as_measured: whitening of what it leaves, nothing of which counts as unknown.
+    """
+    c = search.comparison
+    residual = c.residual - (fitted.template if fitted is not None else 0.0)
+    rest = as_measured(residual)
+    slopes = as_measured(search.slopes(fitted)) if fitted is not None else np.zeros((0, len(rest)))
+    found = np.zeros((0, len(rest)))
+    named = -1.0
+    for kind in (k for k in c.kinds if k.name in _PATH):
+        rows = c.rows(kind)
+        excess = float(rest[rows] @ rest[rows]) - len(rows)
+        best = (0.0, np.zeros((0, len(rest))), np.zeros(0))
+        for x in conditions(search).values():
+            curves = _curves(search, kind, x, _CUBIC)
+            followed = Freedom(slopes).left(as_measured(curves)) if len(slopes) else as_measured(curves)
+            sizes = _sizes(followed, rest)
+            best = max(best, (float(sizes @ (followed @ rest)), curves, sizes), key=lambda tried: tried[0])
+        gain, curves, sizes = best
+        if gain < LIMITS.worth * excess or float(stats.chi2.sf(gain, len(_CUBIC))) > LIMITS.unlikely:
+            continue
+        if named < 0.0:  # what the best effect would explain, of these numbers and of all others
+            templates = as_measured(search.templates_beside(fitted, scanned=False))
+            power = np.einsum('mj,mj->m', templates, templates)
+            named = float(np.max((templates @ rest) ** 2 / np.maximum(power, 1e-12), initial=0.0))
+        if named < gain - LIMITS.clearly:
+            found = np.concatenate([found, LIMITS.prior * np.abs(sizes).max() * curves])
+    return found
+
+
+def _curves(fitting: Fitting, kind: Kind, x: np.ndarray, degrees: tuple[int, ...]) -> np.ndarray:
+    """Return polynomials of a condition (G,) in the numbers of one kind, over their standard deviations (k, n)."""
+    c = fitting.comparison
+    rows = c.rows(kind)
+    scaled = 2.0 * (x - x.min()) / np.ptp(x) - 1.0
+    found = np.zeros((len(degrees), len(c.residual)))
+    std = np.asarray(c.std[kind.name]).ravel()
+    found[:, rows] = [np.polynomial.Chebyshev.basis(n)(scaled)[c.entries.group[rows]] / std for n in degrees]
+    return found
+
+
+def _sizes(curves: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the sizes of curves (k, n) that fit what is left (n,) best."""
+    sizes: np.ndarray = np.linalg.lstsq(curves @ curves.T, curves @ rest, rcond=1e-9)[0]
+    return sizes
+
+
+def _follows(values: np.ndarray, x: np.ndarray) -> bool:
+    """Return whether values follow a cubic curve of a condition, and are no constant."""
+    if len(x) <= 5 or np.ptp(values) < 1e-9 * max(float(np.abs(values).max()), 1e-30):
+        return False
+    scaled = 2.0 * (x - x.min()) / np.ptp(x) - 1.0
+    basis = np.polynomial.chebyshev.chebvander(scaled, 3)
+    left = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+    about = values - values.mean()
+    return float(left @ left) < (1.0 - LIMITS.of_condition) * float(about @ about)
+
+
+def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
+    """Return by how much each effect's gain exceeds that of the best step in its place, less what parameters cost.
+
+    Infinity for effects that show elsewhere. A step is at one value of a condition; its sizes in range and beat
+    frequency are free. How many steps are tried counts against it.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation.
+    """
+    c, whitening = fitting.comparison, fitting.whitening
+    slopes = whitening(fitting.slopes(fitted))
+    rest = whitening(c.residual - fitted.template)
+    kinds = [k for k in c.kinds if k.name in _PATH]
+    of_path = np.concatenate([c.rows(kind) for kind in kinds])
+    tried = _steps(fitting)
+    found = []
+    for number, own in enumerate(fitted.spans):
+        others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
+        added = whitening(fitted.template - (c.template(others) if others else 0.0))
+        if not len(tried) or float(np.sum(added[of_path] ** 2)) < LIMITS.by_path * float(added @ added):
+            found.append(np.inf)
+            continue
+        beside = Freedom(np.delete(slopes, own, axis=0))
+        unexplained = beside.left(rest + added)
+        gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * (own.stop - own.start)
+        steps = _best(fitting, kinds, tried, unexplained, beside) - 2.0 * np.log(len(tried))
+        found.append(gain - steps)
+    return found
+
+
+def _steps(fitting: Fitting) -> np.ndarray:
+    """Return distinct steps from group to group over any condition (M, G)."""
+    found = {tuple((x > at).tolist()) for x in conditions(fitting).values() for at in np.unique(x)[:-1]}
+    return np.array(sorted(found), float).reshape(len(found), len(fitting.comparison.members))
+
+
+def _best(fitting: Fitting, kinds: list[Kind], tried: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:
+    """Return the largest gain of a step in one kind of number or in both, less what its parameters cost."""
+    c = fitting.comparison
+    templates = np.zeros((len(kinds), len(tried), len(unexplained)))
+    for template, kind in zip(templates, kinds, strict=True):
+        rows = c.rows(kind)
+        template[:, rows] = tried[:, c.entries.group[rows]] / np.asarray(c.std[kind.name]).ravel()
+    whole = fitting.whitening(templates)
+    own = beside.left(whole)
+    power = np.einsum('kmn,kmn->km', own, own)
+    seen = power > LIMITS.least_power * np.einsum('kmn,kmn->km', whole, whole)
+    along = np.where(seen, own @ unexplained, 0.0)
+    alone = along**2 / np.maximum(power, 1e-30)  # (kinds, M)
+    # the step's place and its size in each kind
+    single = float(alone.max()) - 2.0 * LIMITS.parameter
+    if len(kinds) < 2:
+        return single
+    cross = np.einsum('mn,mn->m', own[0], own[1])
+    determinant = np.maximum(power[0] * power[1] - cross**2, 1e-9 * power[0] * power[1] + 1e-30)
+    both = (power[1] * along[0] ** 2 - 2.0 * cross * along[0] * along[1] + power[0] * along[1] ** 2) / determinant
+    return max(single, float(np.where(seen.all(axis=0), both, 0.0).max()) - 3.0 * LIMITS.parameter)
