@@ -1,10 +1,12 @@
-"""Whether the host slows a real graph: rate and latency of its ranges with and without it, in turns."""
+"""Whether the host slows a real graph: rate and latency of its ranges beside it, and beside a process that sleeps."""
 
+import contextlib
 import dataclasses
 import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import host_process
@@ -19,23 +21,27 @@ from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.config_files import find_config
 
-RATE = 200.0
-"""Sweep pairs per second of the graph."""
+RATE, FULL_RATE = 200.0, 900.0
+"""Sweep pairs per second of a crane, and of a graph that is nearly as fast as it can be."""
+
+ROUNDS = 10
+"""Times beside each, in turns: a single slice of some seconds is off by a tenth."""
 
 _PAIR = 'master/slave'
-_ROUNDS = 4  # times without and with
-_SETTLE = 3.0  # after the host has started or ended [s]
+_SETTLE = 3.0  # after a process has started [s]
 _VIEWS = ('now', 'signals')  # that browsers show meanwhile; for "Signals" stations send spectra
 
 
 @dataclasses.dataclass(frozen=True)
 class Slowed:
-    """Medians over the rounds."""
+    """Medians over the rounds, and what is the same for each round."""
 
     rate_without: float  # [1/s]
     rate_with: float
     latency_without: float  # median of a round [s]
     latency_with: float
+    longer: float  # mean over the rounds, of the latency with the host over that without, less 1 [1]
+    error: float  # standard error of this mean [1]
 
 
 def _slice(monitor: RangeMonitor, seconds: float) -> tuple[float, float]:
@@ -44,6 +50,7 @@ def _slice(monitor: RangeMonitor, seconds: float) -> tuple[float, float]:
     Raises:
         ConfigurationError: nothing came.
     """
+    time.sleep(_SETTLE)
     begin, first = time.monotonic(), len(monitor.arrivals)
     time.sleep(seconds)
     took, arrived = time.monotonic() - begin, monitor.arrivals[first:]
@@ -52,31 +59,51 @@ def _slice(monitor: RangeMonitor, seconds: float) -> tuple[float, float]:
     return len(arrived) / took, float(np.median([a.received - a.stamp for a in arrived])) * 1e-9
 
 
-def slowed(seconds: float, folder: Path, console: Console) -> Slowed:
-    """Measure the same running graph without and with a host and two open pages, in turns."""
+@contextlib.contextmanager
+def _sleeper() -> Iterator[None]:
+    """Start a process that does nothing: starting any shifts the latency by some per cent."""
+    with subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(3600.0)']) as process:
+        yield
+        process.kill()
+
+
+@contextlib.contextmanager
+def _host(graph: Graph, folder: Path, seconds: float) -> Iterator[None]:
+    """Start a host and two browsers for some seconds."""
+    _, address = start_host(graph, folder)
+    command = [sys.executable, host_process.__file__, address, str(seconds), *_VIEWS]
+    with subprocess.Popen(command) as watching:  # not in this process, which takes the ranges
+        yield
+    graph.stop('host')
+    if watching.returncode:
+        raise ConfigurationError('host: its pages could not be watched; see above')
+
+
+def slowed(rate: float, seconds: float, folder: Path, console: Console) -> Slowed:
+    """Measure the same running graph beside a sleeping process, and beside a host and two open pages, in turns."""
     environment = private_environment()
-    part = seconds / (2 * _ROUNDS)
-    rounds: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+    part = seconds / (2 * ROUNDS)
+    rounds: list[tuple[tuple[float, float], tuple[float, float]]] = []
     with (
         Graph(environment, folder / 'log') as graph,
         monitored([_PAIR], int(environment['ROS_DOMAIN_ID']), keep=True) as monitor,
     ):
         start_fusion_and_stations(graph)
-        overrides = '[' + ', '.join(f'"{o}"' for o in scenario_overrides(RATE, 10.0 * seconds + 300.0)) + ']'
+        overrides = '[' + ', '.join(f'"{o}"' for o in scenario_overrides(rate, 10.0 * seconds + 300.0)) + ']'
         graph.start('simulator', SIMULATOR, *parameters({'scenario': find_config('crane'), 'overrides': overrides}))
         await_first(graph, monitor)
-        for _ in track(range(_ROUNDS), description='host beside a graph', console=console, transient=True):
-            time.sleep(_SETTLE)
-            rounds[False].append(_slice(monitor, part))
-            _, address = start_host(graph, folder / 'host')
-            command = [sys.executable, host_process.__file__, address, str(_SETTLE + part), *_VIEWS]
-            with subprocess.Popen(command) as watching:  # not in this process, which takes the ranges
-                time.sleep(_SETTLE)
-                rounds[True].append(_slice(monitor, part))
-            if watching.returncode:
-                raise ConfigurationError('host: its pages could not be watched; see above')
-            graph.stop('host')
-    (rate_without, latency_without), (rate_with, latency_with) = (
-        [statistics.median(values) for values in zip(*rounds[with_host], strict=True)] for with_host in (False, True)
+        name = f'host beside a graph at {rate:g}/s'
+        for _ in track(range(ROUNDS), description=name, console=console, transient=True):
+            with _sleeper():
+                without = _slice(monitor, part)
+            with _host(graph, folder / 'host', _SETTLE + part):
+                rounds.append((without, _slice(monitor, part)))
+    ratios = np.array([beside[1] / without[1] for without, beside in rounds])
+    return Slowed(
+        rate_without=statistics.median(without[0] for without, _ in rounds),
+        rate_with=statistics.median(beside[0] for _, beside in rounds),
+        latency_without=statistics.median(without[1] for without, _ in rounds),
+        latency_with=statistics.median(beside[1] for _, beside in rounds),
+        longer=float(ratios.mean()) - 1.0,
+        error=float(ratios.std(ddof=1)) / len(ratios) ** 0.5,
     )
-    return Slowed(rate_without, rate_with, latency_without, latency_with)

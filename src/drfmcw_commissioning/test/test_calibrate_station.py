@@ -82,7 +82,7 @@ def test_counter_is_read_and_named():
     [('9.91E37', "answers '9.91E37', which is no frequency"), ('overload', "answers 'overload'"), ('', 'no answer to')],
 )
 def test_counter_without_a_frequency_is_one_line(answer, reason):
-    with SimulatedCounter({1: 1e8}, answer=answer) as simulated, Counter(simulated.address, timeout=0.3) as counter:
+    with SimulatedCounter({1: 1e8}, answer=answer) as simulated, Counter(simulated.address, timeout=3.0) as counter:
         with pytest.raises(ConfigurationError, match=reason) as error:
             counter.frequencies(1, 1)
     assert '\n' not in str(error.value)

@@ -23,6 +23,9 @@ class CurveLimits:
     degrees: tuple[int, ...] = (2, 3)
     """Degrees of the freer curve, which a constant and a slope do not follow; chosen."""
 
+    cubic: tuple[int, ...] = (0, 1, 2, 3)
+    """Degrees of a curve that is set aside, or that follows an effect of one condition; chosen."""
+
     of_condition: float = 0.995
     """Share of an effect's squares that a cubic curve of a condition follows, from which on it is one; chosen."""
 
@@ -55,7 +58,6 @@ class CurveLimits:
 
 
 LIMITS = CurveLimits()
-_CUBIC = (0, 1, 2, 3)  # degrees
 _PATH = ('range', 'beat')  # kinds of numbers
 
 
@@ -125,12 +127,12 @@ def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.nd
         excess = float(rest[rows] @ rest[rows]) - len(rows)
         best = (0.0, np.zeros((0, len(rest))), np.zeros(0))
         for x in conditions(search).values():
-            curves = _curves(search, kind, x, _CUBIC)
+            curves = _curves(search, kind, x, LIMITS.cubic)
             followed = Freedom(slopes).left(as_measured(curves)) if len(slopes) else as_measured(curves)
             sizes = _sizes(followed, rest)
             best = max(best, (float(sizes @ (followed @ rest)), curves, sizes), key=lambda tried: tried[0])
         gain, curves, sizes = best
-        if gain < LIMITS.worth * excess or float(stats.chi2.sf(gain, len(_CUBIC))) > LIMITS.unlikely:
+        if gain < LIMITS.worth * excess or float(stats.chi2.sf(gain, len(LIMITS.cubic))) > LIMITS.unlikely:
             continue
         if named < 0.0:  # what the best effect would explain, of these numbers and of all others
             templates = as_measured(search.templates_beside(fitted, scanned=False))

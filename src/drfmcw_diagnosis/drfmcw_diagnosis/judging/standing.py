@@ -55,7 +55,7 @@ class StandingLimits:
     left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
-    probability: float = 1e-4  # chance of the gain in clean cells, at most [1]
+    probability: float = 1e-9  # chance of the gain in clean cells, at most [1]
     alone: float = 0.98  # share of its power in one part above which no other part can confirm it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     by_noise: float = 0.9  # the same in the noise [1]

@@ -178,7 +178,7 @@ def _fixed_reflector(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
 
 @_outside('rail_bend', 'reference', {'height': 'm', 'length': 'm'}, linear('height', 0.005, 10.0))
 def _rail_bend(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
-    """The rail is not straight: the antennas are farther apart than the way along it tells."""
+    """The rail bends: the straight line between the antennas is shorter than the way along it."""
     scene.reference_errors.append(lambda r: -p['height'] * np.sin(math.pi * r / p['length']))
 
 
