@@ -29,7 +29,7 @@ from .flow_control import Acknowledgements
 from .recording import message_type
 from .requests import Requests
 from .scenario import Scenario, read_scenario
-from .timeline import NANOSECONDS, Event, Timeline
+from .timeline import NANOSECONDS, Event, IfSweep, Timeline
 
 _BLOCK = 8  # measurements synthesised at once: a few milliseconds of delay at most
 _SETTLING = 0.5  # from the match with the stations to the first sweep, so that latched settings arrive first [s]
@@ -320,7 +320,7 @@ class Simulator(Node):
             self._publish(event)
             if event.sweep_id >= 0:
                 measured.add(event.sweep_id)
-                if self.settings.pace == 'subscribers':
+                if self.settings.pace == 'subscribers' and isinstance(event.content, IfSweep):
                     with self._lock:
                         self._answers.sent(event.content.station, event.sweep_id)
                         self._ranges.sent(self._pair_of(event), event.sweep_id)

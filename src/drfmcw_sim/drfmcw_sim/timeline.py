@@ -80,7 +80,7 @@ class Event:
     topic: str
     stamp: int  # when it happens [ns]
     content: Any  # dataclass with the message's fields
-    sweep_id: int = -1  # of the measurement that it completes; -1 for all others
+    sweep_id: int = -1  # of the measurement that it belongs to; -1 for all others
 
 
 @dataclasses.dataclass(frozen=True)
@@ -358,8 +358,9 @@ class Timeline:
     def render(self, slots: Slots) -> list[Event]:
         """Return everything that is published with these measurements, in order of time; IF samples synthesised.
 
-        Weather, status and reference stand before the measurement that they belong to, those between its two sweeps
-        too: what holds at a sweep is known before the sweep is evaluated.
+        Weather and status stand before the measurement that they belong to, those between its two sweeps too: what
+        holds at a sweep is known before the sweep is evaluated. A measurement's own reference reading follows it: no
+        range waits until those who listen to the reference have it.
         """
         s = self.scenario
         sweeps: dict[int, list[Event]] = {}
@@ -392,10 +393,11 @@ class Timeline:
             end = self._end(float(time), int(pair))
             events += self._reports(reported, end, int(sweep_id))
             reported = end
+            events += sweeps[int(sweep_id)]
             if s.reference.enabled and s.reference.interval == 0:
                 index = int(self._index(np.array([sweep_id]))[0])
-                events.append(self._reference(int(sweep_id), int(pair), index, float(time), float(distance)))
-            events += sweeps[int(sweep_id)]
+                reading = self._reference(int(sweep_id), int(pair), index, float(time), float(distance))
+                events.append(dataclasses.replace(reading, sweep_id=int(sweep_id)))
         return events
 
     def _reference(self, number: int, pair: int, index: int, time: float, distance: float) -> Event:

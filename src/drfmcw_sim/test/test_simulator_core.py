@@ -13,7 +13,7 @@ from drfmcw_sim import simulate  # noqa: E402
 from drfmcw_sim.flow_control import Acknowledgements  # noqa: E402
 from drfmcw_sim.recording import write_recording  # noqa: E402
 from drfmcw_sim.scenario import read_scenario, scenario_from_mapping  # noqa: E402
-from drfmcw_sim.timeline import Timeline  # noqa: E402
+from drfmcw_sim.timeline import IfSweep, Timeline  # noqa: E402
 
 SMALL = ('pairs.0.standing.sweeps=4', 'pairs.0.standing.distances=[100, 700]')
 
@@ -63,7 +63,7 @@ def test_readings_precede_the_sweeps_that_they_hold_for(interval, start_delay):
     while not timeline.finished:
         slots = timeline.slots(64)
         for event in timeline.render(slots):
-            if event.sweep_id >= 0:
+            if isinstance(event.content, IfSweep):
                 newest = max(newest, event.stamp)
                 sweeps += 1
             elif event.topic != '/reference/range':

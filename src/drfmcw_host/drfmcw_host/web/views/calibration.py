@@ -33,6 +33,9 @@ _READ_FILE = f"""async (event) => {{
 }}"""
 """Hands over the text of a chosen file, null for one that is too large."""
 
+_READ_EDITOR = "(event) => emit(event.target.closest('section').querySelector('textarea').value)"
+"""Hands over the text that the browser shows: the editor's own message may not have arrived."""
+
 _REFRESH = 1.0  # of what is in use [s]
 _HISTORY = ('version', 'date', 'operator', 'note', 'reference', 'adc', 'delay')
 
@@ -63,8 +66,8 @@ class CalibrationView:
                     with ui.element('label'):
                         text('span', f'{say("cal.file")} ')
                         chosen = ui.element('input').classes('file').props('type=file accept=.yaml,.yml,.json')
-                        chosen.on('change', self._import, js_handler=_READ_FILE)
-                    ui.button(say('cal.compare'), on_click=self._entered).props('no-caps')
+                        chosen.on('change', self._enter, js_handler=_READ_FILE)
+                    ui.button(say('cal.compare')).props('no-caps').on('click', self._enter, js_handler=_READ_EDITOR)
         self._refresh()
         ui.timer(_REFRESH, self._refresh)
 
@@ -172,7 +175,7 @@ class CalibrationView:
         self._text.value = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=110)
         ui.run_javascript(f'getHtmlElement({self._text.id}).scrollIntoView({{block: "center"}})')
 
-    def _import(self, event: events.GenericEventArguments) -> None:
+    def _enter(self, event: events.GenericEventArguments) -> None:
         content = event.args
         if not isinstance(content, str) or len(content) > _LARGEST:
             self._refused(self._viewer.say('cal.file.large'))
@@ -180,15 +183,12 @@ class CalibrationView:
             self._refused(self._viewer.say('cal.file.text'))
         else:
             self._text.value = content
-            self._entered()
-
-    def _entered(self) -> None:
-        try:
-            document = typed_document(self._text.value or '', self._viewer.say('cal.document'))
-        except ConfigurationError as error:
-            self._refused(str(error))
-            return
-        self.compare(document)
+            try:
+                document = typed_document(content, self._viewer.say('cal.document'))
+            except ConfigurationError as error:
+                self._refused(str(error))
+            else:
+                self.compare(document)
 
     def _refused(self, reason: str) -> None:
         message = self._viewer.say('cal.refused', reason=reason)
