@@ -72,4 +72,5 @@ async def streams(address: str, views: Sequence[str], seconds: float) -> list[tu
 
 
 if __name__ == '__main__':
+    os.nice(19)  # real browsers run on another machine
     asyncio.run(streams(sys.argv[1], sys.argv[3:], float(sys.argv[2])))

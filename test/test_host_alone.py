@@ -1,8 +1,10 @@
 """The host without stations, served by TLS: sockets refuse other pages, sessions end, recordings are diagnosed."""
 
+import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 from checkout import practice_recording
@@ -64,6 +66,17 @@ def test_page_works_and_its_cookie_stays_on_tls(secure):
         page.get_by_text("name '../outside'").wait_for()
         expect(page.locator('html')).to_have_attribute('data-lost', 'false')
     assert [e['refused'] for e in secure.audit() if e['action'] == 'record']
+
+
+def test_host_gives_way_to_the_graph(secure):
+    """Every thread that works, those of the middleware and of the pages too."""
+    tasks = Path(f'/proc/{secure.graph.members["host"].process.pid}/task')
+    used = {
+        int(t.name): sum(map(int, (t / 'stat').read_text().rsplit(')', 1)[1].split()[11:13])) for t in tasks.iterdir()
+    }
+    niceness = {t: os.getpriority(os.PRIO_PROCESS, t) for t, ticks in used.items() if ticks > 1}
+    assert niceness
+    assert min(niceness.values()) > os.getpriority(os.PRIO_PROCESS, 0), niceness
 
 
 @pytest.mark.parametrize('path', SOCKETS)

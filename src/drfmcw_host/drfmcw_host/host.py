@@ -34,6 +34,7 @@ from .node import HostNode
 from .state.store import Store
 
 PORT = 8400
+_NICENESS = 5  # over that of the graph: a page waits for a range, not a range for a page
 _START_LIMIT = 20.0  # of the server [s]
 _STOP_LIMIT = 5.0  # [s]
 
@@ -264,6 +265,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         store = Store(software=running())
         calibrations = Calibrations(state / 'calibrations', CalibrationStore(state_directory(os.environ)))
         start = serving(settings, passwords, store, calibrations)
+        os.nice(_NICENESS)  # before threads start, which inherit it
         return run(HostNode, ros, store=store, calibrations=calibrations, on_ready=start)
 
     return guarded('drfmcw host', work)

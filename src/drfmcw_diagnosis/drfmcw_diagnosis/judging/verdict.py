@@ -1,6 +1,7 @@
 """The verdict: whether the effects found explain a recording, and which of them stand if something is left over."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -73,11 +74,31 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
         left = _significant(search, current, false_alarm_rate)
         beside = 'explained' if _holds(search, current, left) else 'partial'
         verdict = 'ambiguous' if alternatives else beside
+        current, alternatives = _fewest_kinds_first(current, alternatives, exchanged)
         return Judgement(verdict, current, alternatives, exchanged, significance, left)
     current = widened(current, found.exchanged)
     alternatives = rivals(search, current, found.exchanged)
     verdict = 'ambiguous' if alternatives else 'explained'
+    current, alternatives = _fewest_kinds_first(current, alternatives, found.exchanged)
     return Judgement(verdict, current, alternatives, found.exchanged, significance, left)
+
+
+def _fewest_kinds_first(
+    found: Fitted, alternatives: list[Fitted], exchanged: Sequence[Fitted]
+) -> tuple[Fitted, list[Fitted]]:
+    """Return explanations that the data cannot separate, of as many effects that of the fewest kinds put first.
+
+    What one station has, the other is likely to have, too: their oscillators are of one make.
+    """
+
+    def kinds(one: Fitted) -> int:
+        return len({name for name, _ in one.keys})
+
+    as_many = [a for a in alternatives if len(a.effects) == len(found.effects)]
+    first = min(as_many, key=kinds, default=found)
+    if kinds(first) >= kinds(found):
+        return found, alternatives
+    return widened(first, exchanged), [found, *(a for a in alternatives if a is not first)]
 
 
 def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitted | None:

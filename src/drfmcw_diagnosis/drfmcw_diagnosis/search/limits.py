@@ -177,7 +177,7 @@ class SelectionLimits:
 class RivalLimits:
     """When another explanation fits as well."""
 
-    says_the_same: float = 25.0
+    says_the_same: float = 49.0
     """Squared distance between what explanations fitted to the same noise add, of one answer at most; chosen."""
 
     worse: float = 8.0

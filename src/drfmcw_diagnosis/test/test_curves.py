@@ -1,0 +1,77 @@
+"""Curves and steps without a name: which effects they cast doubt on, and which of them are set aside."""
+
+import numpy as np
+import pytest
+from checkout import DATA
+
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.judging.curves import bent, beyond_steps, conditions, left
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.bank import Candidate
+from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.search import Search
+from drfmcw_sim.effects import Effect
+
+
+@pytest.fixture(scope='module')
+def data():
+    return read_dataset(DATA / 'recording_0')
+
+
+def range_errors(comparison, errors):
+    """Return errors of the range of each group [m] as a residual: nothing else is left, and nothing by chance."""
+    kind = next(k for k in comparison.kinds if k.name == 'range')
+    rows = comparison.rows(kind)
+    residual = np.zeros(len(comparison.residual))
+    residual[rows] = errors[comparison.entries.group[rows]] / np.asarray(comparison.std['range']).ravel()
+    return residual
+
+
+def fit(fitting, effect, station, **start):
+    recipe = Effect.registry[effect].recipes[0]
+    return fitting.fit([(Candidate(effect, station, recipe, start), start)])
+
+
+def judged(fitting, found):
+    """Return what a freer curve explains beside the effect, and by how much its gain exceeds that of a step."""
+    slopes = fitting.whitening(fitting.slopes(found))
+    rest = fitting.whitening(fitting.comparison.residual - found.template)
+    return bent(fitting, found, slopes, rest)[0], beyond_steps(fitting, found)[0]
+
+
+def test_a_bent_rail_is_no_air(data):
+    """Fitted to a curve over the distance, an error of the air leaves the bend; fitted to itself, nothing."""
+    comparison = Comparison(data)
+    distance = comparison.recorded.distance
+    bend = -0.05 * np.sin(np.pi * (distance - distance.min()) / np.ptp(distance)) - 1e-4 * distance
+    comparison.residual = range_errors(comparison, bend)
+    fitting = Fitting(comparison)
+    curve, _ = judged(fitting, fit(fitting, 'air_refractivity', '', offset=50.0))
+    assert curve > 25.0
+    comparison.residual = comparison.template([Effect.registry['air_refractivity'](offset=200.0)])
+    fitting = Fitting(comparison)
+    curve, step = judged(fitting, fit(fitting, 'air_refractivity', '', offset=150.0))
+    assert curve == 0.0 and step > 25.0
+
+
+def test_a_moved_connector_is_no_drift(data):
+    """From some time on the range is 8 cm longer: a step explains more than a delay that follows the temperature."""
+    comparison = Comparison(data)
+    time = conditions(Fitting(comparison))['time']
+    comparison.residual = range_errors(comparison, 0.08 * (time > np.median(time)))
+    fitting = Fitting(comparison)
+    _, step = judged(fitting, fit(fitting, 'delay_temperature', 'slave', slope=5.0))
+    assert step < 0.0
+
+
+def test_a_curve_that_no_effect_describes_is_set_aside(data):
+    """A bend of 5 cm is; an offset of the reference, which an effect describes, is not."""
+    comparison = Comparison(data)
+    distance = comparison.recorded.distance
+    bend = 0.05 * np.sin(np.pi * (distance - distance.min()) / np.ptp(distance))
+    comparison.residual = range_errors(comparison, bend)
+    search = Search(comparison)
+    assert len(left(search, None, search.whitening)) > 0
+    comparison.residual = comparison.template([Effect.registry['reference_offset'](offset=0.05)])
+    search = Search(comparison)
+    assert len(left(search, None, search.whitening)) == 0
