@@ -56,6 +56,7 @@ class StandingLimits:
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
     probability: float = 1e-9  # chance of the gain in clean cells, at most [1]
+    certain: float = 5.0  # size over its standard deviation with all that is unknown as noise, at least [1]
     alone: float = 0.98  # share of its power in one part above which no other part can confirm it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     by_noise: float = 0.9  # the same in the noise [1]
@@ -85,6 +86,7 @@ class Standing:
     probability: float
     testable: bool  # more than one group shows it, or more than one kind of number
     gain: float  # misfit that it explains beside the others
+    certain: float = np.inf  # of effects with a size that may be zero
     left: float = 0.0  # of effects that the range alone shows, and that depend on no condition alone
     bent: float = 0.0  # of effects that the range alone shows, and that depend on one
     beyond_step: float = np.inf  # of effects that range and beat frequency alone show
@@ -105,6 +107,7 @@ class Standing:
             and self.predicted > LIMITS.predicted
             and self.evidence > LIMITS.evidence
             and self.probability < LIMITS.probability
+            and self.certain > LIMITS.certain
             and self.left < LIMITS.left
             and self.bent < LIMITS.bent
             and self.unexplained < LIMITS.unexplained
@@ -183,6 +186,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 standing,
                 over_groups=standing.over_groups - doubt,
                 over_kinds=standing.over_kinds - doubt,
+                certain=_certainty(fitted.effects[number]),
                 left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
                 beyond_step=steps[number],
@@ -195,6 +199,14 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
             )
         )
     return found
+
+
+def _certainty(effect: FittedEffect) -> float:
+    """Return the size of an effect over its standard deviation, infinity where it is a level or one of several."""
+    recipe = effect.candidate.recipe
+    if not recipe.size or recipe.decibel or recipe.per_group or recipe.coefficients:
+        return np.inf
+    return abs(effect.values[recipe.size]) / max(effect.stds[recipe.size], 1e-30)
 
 
 def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
