@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from . import events
+from . import events, path_sets
 from .fitting import Fitted
 from .leftovers import leftovers
 from .limits import SELECTION
@@ -43,6 +43,13 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             united = [current]
             grown, _, more = forward(search, bent, false_alarm_rate)
             current = pruned(search, grown, false_alarm_rate) or bent
+            rounds += more
+            search.trust(current)
+            current = search.again(current)
+        for simpler in path_sets.fewer(search, current)[:1]:
+            united = [*united, current]
+            grown, _, more = forward(search, simpler, false_alarm_rate)
+            current = pruned(search, grown, false_alarm_rate) or simpler
             rounds += more
             search.trust(current)
             current = search.again(current)
