@@ -24,7 +24,15 @@ from drfmcw_diagnosis.finding.result import (
     FoundEffect,
     NextMeasurement,
 )
-from drfmcw_diagnosis.next.further_sweeps import Baseline, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
+from drfmcw_diagnosis.next.further_sweeps import (
+    Baseline,
+    Exchanged,
+    FurtherAway,
+    MoreSweeps,
+    OtherStartDelay,
+    Repeated,
+    supposed,
+)
 from drfmcw_diagnosis.next.instruments import (
     DrivePast,
     FrequencyCounter,
@@ -354,3 +362,10 @@ def test_the_finding_says_so_where_nothing_decides():
     assert 'none would decide' in said and '3.0 standard deviations' in said
     said = ' '.join(wording.sentences(diagnosis(NextMeasurement('Look at it.', (0.0, 0.1)))))
     assert 'none would separate them' in said
+
+
+def test_a_crane_at_a_known_baseline_stands(recording):
+    """The slope of a distance that is exactly known is rounding alone."""
+    made = supposed(recording, Baseline(15.0).conditions(recording, 12))
+    assert made.recorded.standing.all()
+    assert np.abs(made.residual[made.entries.where(kind='velocity')]).max() < 1e-3

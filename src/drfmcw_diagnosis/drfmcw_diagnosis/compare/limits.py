@@ -207,6 +207,9 @@ class SweepLimits:
     standing_among_drives: float = 2.0
     """The same where other groups do not stand; chosen."""
 
+    exact: float = 1e-9
+    """Standard deviation of a slope of exact readings [m/s]; chosen: above rounding."""
+
 
 @dataclasses.dataclass(frozen=True)
 class SimulationLimits:

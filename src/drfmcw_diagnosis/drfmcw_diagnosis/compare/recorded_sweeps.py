@@ -85,6 +85,7 @@ class RecordedSweeps:
         self.slope_std = np.array(
             [np.nanmean(slope_std[m]) if k else np.inf for m, k in zip(self.members, known, strict=True)]
         )
+        self.slope_std = np.maximum(self.slope_std, SWEEPS.exact)
         variance = [
             np.nanmean(data.reference_std[m] ** 2) if np.isfinite(data.reference_std[m]).any() else 0.0
             for m in self.members
