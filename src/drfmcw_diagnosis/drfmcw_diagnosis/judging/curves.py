@@ -12,6 +12,7 @@ from scipy import stats
 
 from ..compare.kinds import Kind
 from ..search.fitting import Fitted, Fitting, Freedom
+from ..search.path_sets import LIMITS as PATH
 from ..search.search import Search
 from ..search.whitening import Whitening
 
@@ -58,7 +59,6 @@ class CurveLimits:
 
 
 LIMITS = CurveLimits()
-_PATH = ('range', 'beat')  # kinds of numbers
 
 
 def conditions(fitting: Fitting) -> dict[str, np.ndarray]:
@@ -122,7 +122,7 @@ def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.nd
     slopes = as_measured(search.slopes(fitted)) if fitted is not None else np.zeros((0, len(rest)))
     found = np.zeros((0, len(rest)))
     named = -1.0
-    for kind in (k for k in c.kinds if k.name in _PATH):
+    for kind in (k for k in c.kinds if k.name in PATH.kinds):
         rows = c.rows(kind)
         excess = float(rest[rows] @ rest[rows]) - len(rows)
         best = (0.0, np.zeros((0, len(rest))), np.zeros(0))
@@ -184,7 +184,7 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
     c, whitening = fitting.comparison, fitting.whitening
     slopes = whitening(fitting.slopes(fitted))
     rest = whitening(c.residual - fitted.template)
-    kinds = [k for k in c.kinds if k.name in _PATH]
+    kinds = [k for k in c.kinds if k.name in PATH.kinds]
     of_path = np.concatenate([c.rows(kind) for kind in kinds])
     tried = _steps(fitting)
     found = []
