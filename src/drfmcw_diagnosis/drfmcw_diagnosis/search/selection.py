@@ -41,18 +41,11 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         bent = _better(search, current, united, false_alarm_rate)
         if bent is not None:
             united = [current]
-            grown, _, more = forward(search, bent, false_alarm_rate)
-            current = pruned(search, grown, false_alarm_rate) or bent
-            rounds += more
-            search.trust(current)
-            current = search.again(current)
-        for simpler in path_sets.fewer(search, current)[:1]:
+            current = _grown(search, bent, rounds, false_alarm_rate)
+        simpler = path_sets.fewer(search, current)
+        if simpler:
             united = [*united, current]
-            grown, _, more = forward(search, simpler, false_alarm_rate)
-            current = pruned(search, grown, false_alarm_rate) or simpler
-            rounds += more
-            search.trust(current)
-            current = search.again(current)
+            current = _grown(search, simpler[0], rounds, false_alarm_rate)
         if _far_beyond_chance(search, current.misfit) and current.misfit > SELECTION.hopeless * search.misfit(0.0):
             break  # something unknown hides everything else
         if len(current.effects) == SELECTION.most and leftovers(search, current)[0].probability < false_alarm_rate:
@@ -71,6 +64,15 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         rounds += more
         united = []
     return Found(current, significance, rounds, [*exchanged, *united])
+
+
+def _grown(search: Search, begun: Fitted, rounds: list[list[Fitted]], false_alarm_rate: float) -> Fitted:
+    """Return an explanation with what it lacks, trusted and fitted again; rankings are appended to `rounds`."""
+    grown, _, more = forward(search, begun, false_alarm_rate)
+    rounds += more
+    found = pruned(search, grown, false_alarm_rate) or begun
+    search.trust(found)
+    return search.again(found)
 
 
 def _better(search: Search, current: Fitted, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
