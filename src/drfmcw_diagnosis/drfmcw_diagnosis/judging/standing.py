@@ -204,7 +204,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
 def _certainty(effect: FittedEffect) -> float:
     """Return the size of an effect over its standard deviation, infinity where it is a level or one of several."""
     recipe = effect.candidate.recipe
-    if not recipe.size or recipe.decibel or recipe.per_group or recipe.coefficients:
+    if not recipe.may_vanish:
         return np.inf
     return abs(effect.values[recipe.size]) / max(effect.stds[recipe.size], 1e-30)
 

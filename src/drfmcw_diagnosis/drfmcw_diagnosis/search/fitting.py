@@ -38,7 +38,7 @@ class FittedEffect:
         """False where the size may be zero or the shape that of another effect: it adds only degrees of freedom."""
         recipe = self.candidate.recipe
         defined = all(abs(self.values[name]) > FIT.certain * self.stds[name] for name in recipe.defining)
-        if not recipe.size or recipe.decibel or recipe.per_group:
+        if not recipe.may_vanish:
             return defined
         return defined and abs(self.values[recipe.size]) > FIT.certain * self.size_std
 

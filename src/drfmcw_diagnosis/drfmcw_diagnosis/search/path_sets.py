@@ -55,7 +55,8 @@ def fewer(search: Search, fitted: Fitted) -> list[Fitted]:
     tried = [
         i
         for i, candidate in enumerate(search.bank)
-        if _is_linear(candidate)
+        if candidate.recipe.may_vanish
+        and candidate.recipe.order == 1
         and candidate.key not in search.doubted
         and candidate.key not in {e.key for e in others}
         and _of_path(search, search.templates[i])
@@ -91,12 +92,6 @@ def _of_path(search: Search, template: np.ndarray) -> bool:
     c = search.comparison
     rows = np.concatenate([c.rows(kind) for kind in c.kinds if kind.name in LIMITS.kinds])
     return float(np.sum(template[rows] ** 2)) > LIMITS.share * max(float(np.sum(template**2)), 1e-30)
-
-
-def _is_linear(candidate: Candidate) -> bool:
-    """Return whether an effect grows in proportion to one size."""
-    recipe = candidate.recipe
-    return bool(recipe.size) and not (recipe.per_group or recipe.decibel or recipe.coefficients or recipe.order > 1)
 
 
 def _scaled(search: Search, candidate: Candidate, scale: float) -> tuple[Candidate, dict[str, float]]:

@@ -60,6 +60,11 @@ class Recipe:
     trust: Mapping[str, float] = dataclasses.field(default_factory=dict)  # limit of the model: [dB], or relative
     incoherence: Mapping[str, float] = dataclasses.field(default_factory=dict)  # per unit, doubt of the coherence
 
+    @property
+    def may_vanish(self) -> bool:
+        """Whether the effect has one size that may be zero: neither a level in decibels nor one of each group."""
+        return bool(self.size) and not (self.decibel or self.per_group)
+
     def at(self, wavelength: float) -> 'Recipe':
         """Return the recipe for another wavelength of the carrier [m]."""
         if not self.carrier[0]:
