@@ -1,5 +1,7 @@
 """Effects of the receiver and its ramp are found in a small recording, by name, station and size."""
 
+import json
+
 import pytest
 from scenes import record, scene
 
@@ -53,13 +55,18 @@ def test_a_ramp_bent_over_the_band_is_one_effect(tmp_path):
 
 
 def test_a_slow_modulation_shows_beside_a_distortion(tmp_path):
-    """The recording is fixed, so nothing is by chance; which synthesiser hums, the data need not show."""
+    """The recording is fixed, so nothing is by chance; which synthesiser hums, the data need not show.
+
+    Two processes find the same as one.
+    """
     effects = [
         {'effect': 'second_order_distortion', 'station': 'slave', 'second_order': 0.5},
         {'effect': 'frequency_modulation', 'station': 'slave', 'deviation': 400.0, 'rate': 1700.0},
     ]
     scenario = scene({'standing': STANDING}, effects=effects, reference={'range_std': 0.005})
     found = diagnose(record(scenario, tmp_path / 'r'))
+    again = diagnose(tmp_path / 'r', jobs=2)
+    assert json.dumps(again.as_object()) == json.dumps(found.as_object())
     named = {finding.effect: finding for finding in found.explanation.effects}
     assert set(named) == {'second_order_distortion', 'frequency_modulation'}
     hum = named['frequency_modulation'].parameters

@@ -380,7 +380,7 @@ class Fitting:
             (candidate, values)
             for one, other in ((before, start), (start, before))
             for candidate, values in one
-            if not any(candidate is c for c, _ in other)
+            if not any(candidate == c for c, _ in other)
         ]
         return all(self.comparison.disturbance(c.build(values)) < FIT.still for c, values in changed)
 
