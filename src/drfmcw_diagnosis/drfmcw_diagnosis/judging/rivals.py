@@ -34,7 +34,7 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
         return alike and (other.misfit <= fitted.misfit or search.apart(other, fitted) < RIVALS.says_the_same)
 
     single = [other for other in exchanged if other.keys != fitted.keys and is_near(other)]
-    several = search.fits(_combined(fitted, single))
+    several = search.fits(_combined(fitted, single), fitted)
     near = [other for other in several if other.certain and is_near(other)]
     return sorted([*single, *near], key=lambda other: -other.evidence)
 

@@ -81,7 +81,7 @@ def fewer(search: Search, fitted: Fitted) -> list[Fitted]:
         for number in np.argsort(-gains)[: LIMITS.fitted]:
             several = zip(chosen[number], sizes[number], strict=True)
             starts.append([*kept, *(_scaled(search, search.bank[tried[i]], size / length[i]) for i, size in several)])
-        near = [f for f in search.fits(starts) if f.certain and f.misfit < fitted.misfit + SELECTION.as_well]
+        near = [f for f in search.fits(starts, fitted) if f.certain and f.misfit < fitted.misfit + SELECTION.as_well]
         if near:
             return sorted(near, key=lambda f: -f.evidence)
     return []

@@ -251,9 +251,10 @@ class Search(Fitting):
         others = np.delete(slopes, np.r_[own], axis=0)
         return Freedom(self.whitening(others)) if len(others) else None
 
-    def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]]) -> list[Fitted]:
-        """Return explanations, each fitted from its start."""
-        return self._workers.map(self.fit, starts)
+    def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]], known: Fitted) -> list[Fitted]:
+        """Return explanations, each fitted from its start, which has some effects of a `known` one exchanged."""
+        linearised = self.linearised(known, self.slopes(known)) if starts else None
+        return self._workers.map(lambda start: self.fit(start, linearised=linearised), starts)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from its present values."""
