@@ -376,9 +376,14 @@ class Extractor:
         left = np.fft.ifft(spectrum) if self.topology.iq else np.fft.irfft(spectrum, len(weights))
         spans = len(weights) // SPECTRUM.span
         power = (np.abs(left[:, : spans * SPECTRUM.span]) ** 2).reshape(len(left), spans, SPECTRUM.span).mean(axis=2)
-        expected = (weights[: spans * SPECTRUM.span] ** 2).reshape(spans, SPECTRUM.span).mean(axis=1)
-        clear = expected > SPECTRUM.span_share
-        return power[:, clear] / expected[clear]
+        clear = self._clear_spans
+        return power[:, clear] / _by_span((weights / weights.max()) ** 2)[clear]
+
+    @functools.cached_property
+    def _clear_spans(self) -> np.ndarray:
+        """Which equal spans of the sweep every station's window leaves (T,): one may leave out an end of its sweep."""
+        left = [_by_span((w / w.max()) ** 2) > SPECTRUM.span_share for w in self._weights]
+        return np.asarray(np.all(left, axis=0))
 
     def _path(self, estimates: Sequence[Estimates], row: int) -> PathDelay:
         """Return what fusion makes of one sweep pair."""
@@ -408,6 +413,12 @@ def block_lengths(count: int) -> range:
     lengths = SPECTRUM.blocks
     times = max(1, -(-count // (lengths.start * SPECTRUM.most_blocks)))
     return range(times * lengths.start, times * (lengths.stop - 1) + 1)
+
+
+def _by_span(values: np.ndarray) -> np.ndarray:
+    """Return the means of values over the sweep (N,) in equal spans (T,)."""
+    spans = len(values) // SPECTRUM.span
+    return np.asarray(values[: spans * SPECTRUM.span].reshape(spans, SPECTRUM.span).mean(axis=1))
 
 
 def span_times(sweep: SweepSettings) -> np.ndarray:
