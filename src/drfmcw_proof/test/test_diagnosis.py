@@ -40,7 +40,14 @@ def test_every_recipe_fits_its_effect():
         declared = declared_parameters(Effect.registry[effect])
         assert set(recipe.prior) <= set(declared)
         named = {*recipe.start, *recipe.grid, *recipe.defining, *recipe.scanned_with, *recipe.within_recording}
-        named |= {*recipe.steps, *recipe.trust, *recipe.incoherence, *recipe.added_to, *recipe.times}
+        named |= {
+            *recipe.steps,
+            *recipe.least_steps,
+            *recipe.trust,
+            *recipe.incoherence,
+            *recipe.added_to,
+            *recipe.times,
+        }
         named |= {recipe.size, recipe.carrier[0], recipe.quadrature[0], recipe.scanned, recipe.each_sweep} - {''}
         assert named <= set(declared)
         assert set(recipe.prior) <= {*recipe.start, *recipe.grid, recipe.quadrature[0], recipe.scanned}

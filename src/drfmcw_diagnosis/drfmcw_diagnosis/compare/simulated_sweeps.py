@@ -79,7 +79,7 @@ class SimulatedSweeps:
         added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
         way = self.way(part, effects)
         copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
-        turns = 1.0 if added else 0.5
+        turns = 1.0 if added or distorting else 0.5  # of leakage and even harmonics half a turn leaves the mean
         each, moved = self.copies(part, effects, copies, swaying, not effects, turns, way)
         features = _mean(each, copies)
         if np.any(moved):

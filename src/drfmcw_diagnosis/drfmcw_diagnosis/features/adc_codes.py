@@ -3,7 +3,7 @@
 Noise with a standard deviation of several codes makes the histogram of the samples smooth, whatever the signal: its
 fourth differences are those of counting noise alone. A stuck bit leaves combs of empty codes; a converter with gaps
 leaves steps at their ends. Without this test, such a fault would pass for a higher noise floor and a leakage. A limiter
-leaves more samples at the outermost code than at the next one, which noise never does.
+leaves more samples at the outermost codes than at the next ones, which noise never does.
 """
 
 import dataclasses
@@ -35,15 +35,17 @@ def piled(samples: np.ndarray) -> np.ndarray:
     """Return how many more samples a sweep has at its outermost codes than at the next ones, beyond chance (n,).
 
     Args:
-        samples: (n, N), also analogue ones, which are rounded to codes, or complex [LSB].
+        samples: (n, N), also analogue ones, or complex [LSB]. Analogue ones are rounded to codes that lie elsewhere for
+            each sweep: whether a crest just reaches a further code is chance.
     """
     if np.iscomplexobj(samples):
         return piled(samples.real) + piled(samples.imag)
-    codes = np.rint(samples)
+    apart = np.arange(len(samples)) * CODES.golden % 1.0 - 0.5
+    codes = np.rint(samples + (CODES.within * apart[:, None]).astype(np.float32))
     more = np.zeros(len(codes))
-    for outermost, inwards in ((codes.max(axis=1), -1.0), (codes.min(axis=1), 1.0)):
-        at, beside = ((codes == code[:, None]).sum(axis=1) for code in (outermost, outermost + inwards))
-        more += at - beside
+    for outermost in (codes.max(axis=1), codes.min(axis=1)):
+        depth = np.abs(codes - outermost[:, None])
+        more += 2.0 * (depth < CODES.outermost).sum(axis=1) - (depth < 2 * CODES.outermost).sum(axis=1)
     return np.maximum(more - CODES.pile, 0.0)
 
 

@@ -28,6 +28,17 @@ class CodeLimits:
     pile: int = 3
     """Samples more than at the next code that a sweep may have at its outermost ones by chance; chosen."""
 
+    outermost: int = 4
+    """Codes that count as outermost, and as many as the next ones; chosen: the standard deviation of the least noise,
+    which still hides a crest among them."""
+
+    golden: float = 0.6180339887498949
+    """Parts of a code by which the codes of one sweep lie beside those of the next, modulo one; derived: the golden
+    section, whose multiples are evenly spread."""
+
+    within: float = 0.998
+    """Codes over which they are spread, less than one: whole codes stay as they are [1]; chosen."""
+
     tails: float = 1.05
     """By which differences may be larger than normal ones [1]; chosen."""
 

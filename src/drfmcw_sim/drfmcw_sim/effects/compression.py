@@ -27,7 +27,7 @@ class Compression(Effect, name='compression', of=Of.STATION):
             '',
             start={},
             prior={'third_order': 0.3},
-            steps={'third_order': 0.005},
+            least_steps={'third_order': 0.005},
             scan='harmonics',
             scanned='third_order',
             cells=10,

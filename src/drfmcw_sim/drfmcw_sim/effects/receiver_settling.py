@@ -26,6 +26,7 @@ class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
             start={'level': -80.0},
             prior={'level': 20.0, 'time_constant': 1e-3},
             grid={'time_constant': geometric(5e-6, 2e-3, 9)},
+            defining=('time_constant',),  # one that is not determined is a constant: leakage
             decibel=True,
             steps={'level': 0.05},
         ),

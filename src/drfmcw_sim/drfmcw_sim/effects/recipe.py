@@ -39,6 +39,7 @@ class Recipe:
     coefficients: tuple[int, ...] = ()
     each_sweep: str = ''  # probability of the effect in a sweep, of which a recording holds one outcome
     steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of numerical derivatives, where not 1 %
+    least_steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of these, where 1 % of a size is less
 
     # scan
     scan: str = ''  # scanner of the diagnosis that finds starting points: see drfmcw_diagnosis.search.scanners
@@ -76,7 +77,8 @@ class Recipe:
         name = name.partition('[')[0]
         if name in self.steps:
             return self.steps[name]
-        return max(0.01 * abs(value), 0.01 * abs(self.start.get(name, 1e-3 * self.prior[name])))
+        least = self.least_steps.get(name, 0.01 * abs(self.start.get(name, 1e-3 * self.prior[name])))
+        return max(0.01 * abs(value), least)
 
 
 def geometric(low: float, high: float, count: int) -> tuple[float, ...]:

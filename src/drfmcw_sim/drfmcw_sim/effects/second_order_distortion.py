@@ -28,7 +28,7 @@ class SecondOrderDistortion(Effect, name='second_order_distortion', of=Of.STATIO
             '',
             start={},
             prior={'second_order': 0.3},
-            steps={'second_order': 0.005},
+            least_steps={'second_order': 0.005},
             scan='even harmonics',
             scanned='second_order',
             together=True,

@@ -279,7 +279,7 @@ def _template(s: Scene, some: Sweeps, plain: Fitted, name: str, recipe: Recipe) 
     best: tuple[float, Candidate] | None = None
     for index in np.ndindex(*(len(g) for g in grids)):
         start = dict(recipe.start) | {n: g[i] for n, g, i in zip(names, grids, index, strict=True)}
-        start.setdefault(size, recipe.steps.get(size, 0.01))
+        start.setdefault(size, {**recipe.steps, **recipe.least_steps}.get(size, 0.01))
         candidate = Candidate(name, s.material.station, recipe, start)
         acting = simulated(s, (*plain.candidates, candidate))
         template = beside(heard_by(some, plain.tracks, acting, own.phasor, own.constant) - whole)

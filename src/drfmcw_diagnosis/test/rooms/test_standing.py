@@ -208,3 +208,29 @@ def test_the_power_is_no_evidence_of_a_loss_where_the_sweep_is_as_uneven(data, u
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'amplitude_loss', '', loss=0.1))
     assert standing.stands == stands
+
+
+@pytest.mark.parametrize(('decibels', 'stands'), [(0.5, True), (10.0, False)])
+def test_the_noise_is_no_evidence_where_the_amplitude_is_as_wrong(data, decibels, stands):
+    """A receiver's gain changes line and noise alike; what changes the line far less is something else."""
+    comparison = Comparison(data)
+    concealed(comparison, Effect.registry['noise_floor'](excess=10.0, station='slave'))
+    kind = next(k for k in comparison.kinds if k.name == 'amplitude')
+    step = decibels * np.where(np.arange(len(comparison.members)) < 4, 1.0, -1.0)
+    comparison.residual[comparison.rows(kind, 1)] += step / comparison.std['amplitude'][:, 1]
+    fitting = Fitting(comparison)
+    (standing,) = standings(fitting, fitted(fitting, 'noise_floor', 'slave', excess=5.0))
+    assert standing.stands == stands
+
+
+@pytest.mark.parametrize(('everywhere', 'stands'), [(True, True), (False, False)])
+def test_what_one_distance_lacks_does_not_stand(data, everywhere, stands):
+    """An echo along a part of the track is none of the whole track, however well it fits where it is."""
+    comparison = Comparison(data)
+    concealed(comparison, Effect.registry['sweep_ripple'](deviation=3000.0, rate=9000.0, station='master'))
+    if not everywhere:
+        comparison.residual[comparison.entries.group == 2] = 0.0
+    fitting = Fitting(comparison)
+    found = fitted(fitting, 'sweep_ripple', 'master', deviation=2500.0, rate=9000.0, phase=0.0)
+    (standing,) = standings(fitting, found)
+    assert (standing.smallest > 0.9) == standing.stands == stands

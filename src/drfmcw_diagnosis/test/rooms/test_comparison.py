@@ -1,0 +1,99 @@
+"""What the comparison counts of an effect, against what theory gives."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from checkout import DATA
+from scenes import record, scene
+
+from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.engine import diagnose
+from drfmcw_diagnosis.features.adc_codes import piled
+from drfmcw_diagnosis.features.extractor import Extractor
+from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search.bank import Candidate
+from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
+from drfmcw_sim.effects import Effect
+
+
+def test_all_of_an_amplitude_slope_counts_but_its_mean():
+    """A slope of s Np per sample over K samples has s^2 (K^3 - K) / 12 beside its mean."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    slope = 0.05
+    template = comparison.template((Effect.registry['amplitude_slope'](station='slave', slope=slope),))
+    std = comparison.std['ramp'][:, 1]  # amplitude at the second station
+    assert np.isinf(std[:, 0]).all() and np.isfinite(std[:, 1:]).all()
+    terms, step = std.shape[1], comparison.time[1] - comparison.time[0]
+    each = slope / DECIBELS_PER_NEPER * step / 1e-3
+    whole = each**2 * (terms**3 - terms) / 12.0
+    expected = math.sqrt(np.sum(whole / std[:, 1] ** 2))
+    counted = template[comparison.entries.where(kind='ramp', station=1)]
+    assert np.linalg.norm(counted) == pytest.approx(expected, rel=0.03)
+
+
+def test_noise_behind_a_coupling_is_as_expected(tmp_path):
+    """Its bands next to 0 Hz rise with the square of the frequency; chi-square fails with a chance of 1e-6."""
+    coupling = {'effect': 'ac_coupling', 'station': 'slave', 'pole': 600e3}
+    standing = {'distances': [120.0, 210.0, 320.0], 'sweeps': 40}
+    scenario = scene({'standing': standing}, effects=[coupling], reference={'range_std': 0.005})
+    comparison = Comparison(read_dataset(record(scenario, tmp_path / 'r')))
+    template = comparison.template((Effect.registry['ac_coupling'](station='slave', pole=600e3),))
+    left = (comparison.residual - template)[comparison.entries.where(kind='noise', station=1)]
+    left = left[np.isfinite(left)]
+    assert np.sum(left**2) < len(left) + 5.0 * math.sqrt(2.0 * len(left)) + 10.0
+
+
+@pytest.mark.parametrize('cut', range(0, 200, 10))
+def test_both_stations_are_compared_over_the_same_spans(cut):
+    """The later start of one window may leave out a span that the other one covers."""
+    data = read_dataset(DATA / 'recording_0')
+    sweeps = tuple(dataclasses.replace(s, cut=(cut / s.sample_rate, 0.0)) for s in data.sweeps[0])
+    samples = tuple(data.samples_of(i)[:2] for i in data.topology.heard)
+    features = Extractor(sweeps, data.calibration, data.topology)(samples, 32767.0, 1.0003)
+    assert features.quiet.shape[:2] == (2, 2) and np.all(features.quiet > 0.0)
+
+
+def test_even_harmonics_beside_a_slope_leave_nothing_of_the_ramp(tmp_path):
+    """What squares make beside the line has the line's phase once, so half a turn of phases does not cancel it.
+
+    No kind of number leaves as much as chance does once in 10 000; the recording is fixed.
+    """
+    effects = {'second_order_distortion': ('slave', 'second_order', 14.0), 'amplitude_slope': ('master', 'slope', 6.0)}
+    entries = [{'effect': name, 'station': station, p: value} for name, (station, p, value) in effects.items()]
+    standing = {'distances': [25.0, 45.0, 70.0, 100.0, 140.0], 'sweeps': 16}
+    path = record(scene({'standing': standing}, effects=entries, reference={'range_std': 0.005}), tmp_path / 'r')
+    fitting = Fitting(Comparison(read_dataset(path)))
+    start = [
+        (Candidate(name, station, Effect.registry[name].recipes[0], {}), {p: value})
+        for name, (station, p, value) in effects.items()
+    ]
+    found = fitting.fit(start)
+    fitting.trust(found)
+    left = leftovers(fitting, fitting.fit(found.start))
+    assert min(x.probability for x in left if x.kind == 'ramp') > 1e-4
+
+
+def test_distances_at_which_the_line_drowns_are_left_out(tmp_path):
+    """Where noise may pass for the line, ranges are hundreds of metres off; what is near shows the loss."""
+    loss = {'effect': 'amplitude_loss', 'loss': 38.0}
+    standing = {'distances': [15.0, 30.0, 60.0, 250.0, 400.0], 'sweeps': 12}
+    scenario = scene({'standing': standing}, effects=[loss], reference={'range_std': 0.005})
+    found = diagnose(record(scenario, tmp_path / 'r'))
+    assert any('hardly stand out of the noise' in said for said in found.not_testable)
+    (named,) = found.explanation.effects
+    assert named.effect == 'amplitude_loss'
+    assert abs(named.parameters['loss'].value - 38.0) < 4.0 * named.parameters['loss'].std
+
+
+def test_codes_at_which_a_crest_ends_change_little():
+    """A square has a sharp edge, whose place among the codes is chance: it changes the pile by less than a third."""
+    phase = 2.0 * np.pi * (np.arange(2000) * 0.1234 + np.linspace(0.0, 1.0, 44)[:, None])
+    line = np.sin(phase) + 0.01 * np.random.default_rng(5).standard_normal(phase.shape)
+    found = [piled(600.0 * line**2 + edge).mean() for edge in np.arange(0.0, 1.0, 0.1)]
+    assert max(found) - min(found) < 0.1 * max(found)
+    sharp = [piled(np.rint(600.0 * line**2 + edge)).mean() for edge in np.arange(0.0, 1.0, 0.1)]
+    assert max(sharp) - min(sharp) < 0.35 * max(sharp)
