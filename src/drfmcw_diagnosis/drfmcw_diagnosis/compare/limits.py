@@ -186,6 +186,10 @@ class SweepLimits:
     """Distance of a line from 0 Hz and from the Nyquist frequency [Hz], at which the mirror line is clear of the ramp;
     chosen."""
 
+    least_line: float = 40.0
+    """Power of a line over that of a bin of noise [1], in the median of a group (16 dB), below which another bin may
+    pass for it; chosen."""
+
     astray: float = 1.0
     """Difference of a range from those of its group where a line was mistaken [m]; chosen."""
 
@@ -216,8 +220,8 @@ class SimulationLimits:
     """How many sweeps stand for a group, and what is rounded."""
 
     distorted: int = 11
-    """Sweeps simulated per group where an effect distorts the IF or the crane sways, evenly over half a turn; derived:
-    a prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
+    """Sweeps simulated per group where an effect distorts the IF, evenly over a turn, or the crane sways; derived: a
+    prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
     where the line is near a quarter of the sampling rate."""
 
     turning: float = 0.02

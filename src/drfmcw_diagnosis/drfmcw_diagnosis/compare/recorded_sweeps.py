@@ -195,7 +195,8 @@ class RecordedSweeps:
     def _sound(self, group: int) -> np.ndarray:
         """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).
 
-        Neither are few of them far weaker than the others: something stood in the way.
+        Neither are few of them far weaker than the others: something stood in the way. No sweep of a group is sound
+        whose lines hardly stand out of the noise: to take the strongest ones would raise their mean power.
         """
         sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
         # a line that is expected beyond the Nyquist frequency folds back into the ramp's band
@@ -205,6 +206,7 @@ class RecordedSweeps:
         error = self.range_error(group)
         error = np.abs(error - np.median(error))
         clear &= error < max(SWEEPS.astray, SWEEPS.astray_spreads * float(np.median(error)))
+        clear &= bool(np.all(np.median(_standing_out(sweeps, rate), axis=0) > SWEEPS.least_line))
         apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
         faded = np.any(apart > np.maximum(SWEEPS.faded, SWEEPS.faded_spreads * np.median(apart, axis=0)), axis=1)
         return clear & ~(faded & (np.mean(faded) < SWEEPS.faded_share))
@@ -242,6 +244,15 @@ class RecordedSweeps:
         nominal = data.nominal(np.concatenate([self.members[g] for g in groups]))
         extract = Extractor(data.sweeps[setting], data.calibration, data.topology, blocks, most)
         return Part(groups, local, nominal, steady(nominal, local), extract)
+
+
+def _standing_out(sweeps: SweepFeatures, rate: float) -> np.ndarray:
+    """Return the power of each sweep's lines over that of the noise in a bin (n, S); `rate` of the samples [Hz]."""
+    last = sweeps.power.shape[-1] - 1
+    at = np.clip(np.rint(sweeps.line / (rate / 2.0) * last).astype(int), 0, last)
+    line = np.take_along_axis(sweeps.power, at[..., None], axis=-1)[..., 0]
+    noise = np.median(sweeps.power, axis=-1) / np.log(2.0)  # powers of noise are exponentially distributed
+    return np.asarray(line / np.maximum(noise, 1e-30))
 
 
 def _course(values: np.ndarray) -> np.ndarray:
