@@ -1,10 +1,10 @@
 """Which effects of an explanation are there beyond doubt, although the explanation leaves something over.
 
-A real effect predicts what it was not fitted to: its size agrees from distance to distance and from kind
-to kind of number, and fitted without one distance it predicts that distance. An imitation of something unknown
-has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of one kind at one
-station in one group of sweeps. What one group alone shows, as clipping where the stations are nearest, no other
-distance can confirm; then one kind of number must predict the other.
+A real effect predicts what it was not fitted to: its size agrees from distance to distance and from kind to kind of
+number, it is absent from no distance, and fitted without one distance it predicts that distance. An imitation of
+something unknown has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of
+one kind at one station in one group of sweeps. What one group alone shows, as clipping where the stations are nearest,
+no other distance can confirm; then one kind of number must predict the other.
 
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
 So an effect of that kind is also in doubt where a freer curve of the same condition explains much of what is left,
@@ -20,9 +20,9 @@ is left beside an effect is what is left beside the events that are set aside as
 
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `steadiness`.
 
-What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained: whatever changes
-a receiver's gain changes both. What the received power alone shows is in doubt where the amplitude over the sweep is
-unexplained by half as much: whatever changes that changes its mean.
+What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
+decibels: whatever changes a receiver's gain changes both. What the received power alone shows is in doubt where the
+amplitude over the sweep is unexplained by half as much: whatever changes that changes its mean.
 """
 
 import dataclasses
@@ -50,6 +50,8 @@ class StandingLimits:
 
     over_groups: float = 0.1  # mean squared relative difference of its size from group to group, beyond noise [1]
     over_kinds: float = 0.2  # the same from kind to kind [1]
+    visible: float = 50.0  # power of an effect in a group from which on it must be seen there (7 sigma) [1]
+    smallest: float = 0.25  # its size in such a group over that in all, at least [1]
     predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
     left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
@@ -62,7 +64,7 @@ class StandingLimits:
     by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     bent: float = 0.02  # what a freer curve of its condition explains of that rest, over the same [1]
-    unexplained: float = 0.1  # rest of a receiver's amplitude over what an effect shows in its noise, at most [1]
+    unexplained: float = 0.5  # rest of a receiver's amplitude over an effect's change of its noise, at most [1]
     by_power: float = 0.9  # the same in the received power [1]
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
@@ -86,6 +88,7 @@ class Standing:
     probability: float
     testable: bool  # more than one group shows it, or more than one kind of number
     gain: float  # misfit that it explains beside the others
+    smallest: float = 1.0  # of effects that act in every group
     certain: float = np.inf  # of effects with a size that may be zero
     left: float = 0.0  # of effects that the range alone shows, and that depend on no condition alone
     bent: float = 0.0  # of effects that the range alone shows, and that depend on one
@@ -104,6 +107,7 @@ class Standing:
             self.testable
             and self.over_groups < LIMITS.over_groups
             and self.over_kinds < LIMITS.over_kinds
+            and self.smallest > LIMITS.smallest
             and self.predicted > LIMITS.predicted
             and self.evidence > LIMITS.evidence
             and self.probability < LIMITS.probability
@@ -154,7 +158,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         name: _without_each(rest, slopes, parts, least)[parts] for name, parts in (('group', groups), ('kind', kinds))
     }
     significant = [x for x in leftovers(fitting, fitted, derivatives, apart=True) if x.probability < LIMITS.left_over]
-    converters = _of_uneven_converters(fitting, significant)
+    converters = _of_uneven_converters(fitting, significant, as_measured(fitted.template))
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
@@ -180,17 +184,19 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
         curve = curves[number]
         # a group holds few bursts, so each part of the numbers knows their size to that only
-        doubt = MODEL.bursts**2 if fitted.effects[number].candidate.kind.bursts else 0.0
+        bursts = fitted.effects[number].candidate.kind.bursts
+        doubt = MODEL.bursts**2 if bursts else 0.0
         found.append(
             dataclasses.replace(
                 standing,
                 over_groups=standing.over_groups - doubt,
                 over_kinds=standing.over_kinds - doubt,
+                smallest=_smallest_size(rest, added, groups) if by_group and not bursts else 1.0,
                 certain=_certainty(fitted.effects[number]),
                 left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
                 beyond_step=steps[number],
-                unexplained=_unexplained_signal(fitting, fitted.effects[number], as_it_is(residual), as_it_is(alone)),
+                unexplained=_unexplained_signal(fitting, fitted.effects[number], residual, alone),
                 uneven_power=_uneven_power(fitting, fitted.effects[number], residual, alone),
                 inflated=inflations[number],
                 cancelled=cancelled[number],
@@ -251,30 +257,9 @@ def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
 
 
 def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
-    """Return what is left of the amplitude of an effect's receivers over what it adds, 0 where not the noise shows it.
+    """Return the rest of a receiver's amplitude over an effect's change of the noise, both as rms in decibels.
 
-    Args:
-        fitting: of the recording.
-        effect: of the explanation.
-        rest: what the explanation leaves, whitened as measured (n,).
-        added: what the effect adds to it, likewise.
-    """
-    c = fitting.comparison
-    total = max(float(added @ added), 1e-30)
-    noise = added[_of_level(fitting, 'noise')]
-    # no gain comes and goes as bursts do
-    if effect.candidate.kind.bursts or float(noise @ noise) < LIMITS.by_noise * total:
-        return 0.0
-    receivers = [i for i, name in enumerate(c.receivers) if effect.candidate.station in ('', name)]
-    # the first channels of the ramp are both stations' amplitudes
-    rows = [c.rows(k, i) for k in c.kinds if k.level == 'amplitude' or k.name == 'ramp' for i in receivers]
-    return max(_excess(rest[np.concatenate(rows)]), 0.0) / total
-
-
-def _uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
-    """Return the rest of the amplitude over the sweep over an effect's change of the power, both as rms in decibels.
-
-    The larger one of the effect's receivers, 0 where not the received power shows it.
+    The larger one of the effect's receivers, 0 where not the noise shows it.
 
     Args:
         fitting: of the recording.
@@ -283,21 +268,53 @@ def _uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, adde
         added: what the effect adds to it, likewise.
     """
     c = fitting.comparison
+    noise = added[_of_level(fitting, 'noise')]
+    # no gain comes and goes as bursts do
+    if effect.candidate.kind.bursts or float(noise @ noise) < LIMITS.by_noise * float(added @ added):
+        return 0.0
+    found = 0.0
+    for i in _receivers_of(fitting, effect):
+        changed = _mean_square(added[_of_kind(fitting, 'noise', i)], c.std.noise[:, i].ravel(), 0.0)
+        level = _mean_square(rest[_of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 1.0)
+        left = max(level, 0.0) + max(_uneven_amplitude(fitting, rest, i), 0.0)
+        found = max(found, math.sqrt(left / max(changed, 1e-30)))
+    return found
+
+
+def _uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return the rest of the amplitude over the sweep over an effect's change of the power, both as rms in decibels.
+
+    The larger one of the effect's receivers, 0 where not the received power shows it; arguments as above.
+    """
+    c = fitting.comparison
     of_power = added[_of_level(fitting, 'amplitude')]
     if float(of_power @ of_power) < LIMITS.by_power * float(added @ added):
         return 0.0
     found = 0.0
-    for i, name in enumerate(c.receivers):
-        if effect.candidate.station in ('', name):
-            rows = _of_kind(fitting, 'ramp', i)  # cosine series of log amplitudes, orthonormal
-            std = c.std.ramp[:, i].ravel()
-            used = np.isfinite(std)
-            squares = (rest[rows][used] ** 2 - 1.0) * std[used] ** 2
-            square = float(np.sum(squares)) / max(int(np.count_nonzero(used)), 1)
-            std = np.nan_to_num(c.std.amplitude[:, i], posinf=0.0)
-            changed = float(np.mean((added[_of_kind(fitting, 'amplitude', i)] * std) ** 2))
-            found = max(found, DECIBELS_PER_NEPER * math.sqrt(max(square, 0.0) / max(changed, 1e-30)))
+    for i in _receivers_of(fitting, effect):
+        changed = _mean_square(added[_of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 0.0)
+        found = max(found, math.sqrt(max(_uneven_amplitude(fitting, rest, i), 0.0) / max(changed, 1e-30)))
     return found
+
+
+def _receivers_of(fitting: Fitting, effect: FittedEffect) -> list[int]:
+    """Return the numbers of the stations with samples at which an effect may show."""
+    receivers = fitting.comparison.receivers
+    return [i for i, name in enumerate(receivers) if effect.candidate.station in ('', name)]
+
+
+def _uneven_amplitude(fitting: Fitting, rest: np.ndarray, receiver: int) -> float:
+    """Return the mean square of what is left (n,) of a receiver's amplitude over the sweep [dB^2]."""
+    # the first channels of the ramp are the stations' log amplitudes, as orthonormal cosine series
+    std = fitting.comparison.std.ramp[:, receiver].ravel()
+    return DECIBELS_PER_NEPER**2 * _mean_square(rest[_of_kind(fitting, 'ramp', receiver)], std, 1.0)
+
+
+def _mean_square(values: np.ndarray, std: np.ndarray, chance: float) -> float:
+    """Return the mean square of numbers that are known over their standard deviations, less that of chance."""
+    used = np.isfinite(std)
+    squares = (values[used] ** 2 - chance) * std[used] ** 2
+    return float(np.sum(squares)) / max(int(np.count_nonzero(used)), 1)
 
 
 def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[float]:
@@ -330,12 +347,19 @@ def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
     return float(of_range @ of_range) > LIMITS.by_range * float(added @ added)
 
 
-def _of_uneven_converters(fitting: Fitting, significant: list[Leftover]) -> np.ndarray:
-    """Return which numbers an ADC may have made that shows uneven codes, or samples at the outermost ones (n,)."""
+def _of_uneven_converters(fitting: Fitting, significant: list[Leftover], added: np.ndarray) -> np.ndarray:
+    """Return which numbers an ADC may have made that shows uneven codes, or samples at the outermost ones (n,).
+
+    A small rest of what an explanation adds (n,) to the samples at the outermost codes is its own inaccuracy.
+    """
     c = fitting.comparison
+    of_rail = (x for x in significant if x.kind == 'piled' and x.probability < LIMITS.uneven)
     found = np.zeros(len(c.residual), bool)
     stations = {s for s, codes in enumerate(c.codes) if codes is not None and codes.probability < LIMITS.uneven}
-    stations |= {x.station for x in significant if x.kind == 'piled' and x.probability < LIMITS.uneven}
+    for left in of_rail:
+        explained = added[c.entries.where(kind=left.kind, station=left.station)]
+        if left.at_least(left.excess) > LIMITS.clean * float(explained @ explained):
+            stations.add(left.station)
     for station in stations:
         for kind in c.kinds:
             if kind.of_converter:
@@ -436,3 +460,10 @@ def _unevenness(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float
     used = power > 1.0
     squares = overlap[used] ** 2 / power[used]
     return float((squares.sum() - np.count_nonzero(used)) / max(power.sum(), 1e-30))
+
+
+def _smallest_size(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:
+    """Return the smallest size of an effect over that of the explanation, of the parts that would show it."""
+    power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
+    visible = power > LIMITS.visible
+    return float(np.min(1.0 + overlap[visible] / power[visible], initial=1.0))
