@@ -72,3 +72,22 @@ def test_a_slow_modulation_shows_beside_a_distortion(tmp_path):
     hum = named['frequency_modulation'].parameters
     assert abs(hum['rate'].value - 1700.0) < 4.0 * hum['rate'].std
     assert abs(hum['deviation'].value - 400.0) < 4.0 * hum['deviation'].std
+
+
+def test_a_clock_beside_a_limiter_may_be_either_stations(tmp_path):
+    """Only the difference of the clocks shows. The limiter acts on the sum, so neither clock can simply be added to it.
+
+    The recording is fixed, so nothing is by chance.
+    """
+    effects = [
+        {'effect': 'clipping', 'station': 'master', 'level': -37.0},
+        {'effect': 'reference_clock_drift', 'station': 'master', 'warmup': -0.8, 'time_constant': 40.0},
+    ]
+    scenario = scene({'standing': STANDING}, effects=effects, reference={'range_std': 0.005})
+    found = diagnose(record(scenario, tmp_path / 'r'))
+    assert found.verdict == 'ambiguous'
+    named = [
+        {(e.effect, e.station) for e in explanation.effects} for explanation in (found.explanation, *found.alternatives)
+    ]
+    for station in ('master', 'slave'):
+        assert {('clipping', 'master'), ('reference_clock_drift', station)} in named

@@ -309,14 +309,34 @@ class Search(Fitting):
         freedom = self._freedom_beside(self.slopes(fitted), fitted.spans[number])
         begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
         goal = self.misfit(rest.template) - fitted.misfit
+        added = self._added(fitted, number, rest, freedom)
 
         def refined(point: tuple) -> Fitted | None:
-            alone = self._alone(point, rest, freedom, fitted, goal)
+            alone = self._alone(point, rest, freedom, added, goal)
             return None if alone is None else self.fit([*rest.start[:number], *alone.start, *rest.start[number:]])
 
         fits = [f for f in self._workers.map(refined, [(candidate, values) for _, _, values in begun]) if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
+
+    def _added(self, fitted: Fitted, number: int, rest: Fitted, freedom: Freedom | None) -> Fitted:
+        """Return an explanation with one of its effects simply added to the others, as `_alone` tries another one.
+
+        A distortion acts on the sum of all effects, so it may fit far worse than the explanation itself.
+
+        Args:
+            fitted: the explanation.
+            number: of the effect.
+            rest: the others.
+            freedom: of the others.
+        """
+        effect = fitted.effects[number]
+        if effect.candidate.acts or not any(e.candidate.acts for e in fitted.effects):
+            return fitted
+        template = rest.template + self._template([effect.build()])
+        left = self.whitening(self.comparison.residual - template)
+        left = left if freedom is None else freedom.left(left)
+        return dataclasses.replace(fitted, template=template, misfit=max(fitted.misfit, float(left @ left)))
 
     def _alone(self, point: tuple, rest: Fitted, freedom: Freedom | None, fitted: Fitted, goal: float) -> Fitted | None:
         """Return one effect fitted while the others follow to first order; None of what need not be fitted with them.
@@ -325,7 +345,7 @@ class Search(Fitting):
             point: effect with the values at which its fit begins.
             rest: the others.
             freedom: of the others.
-            fitted: explanation that it shall replace.
+            fitted: explanation with the effect that it shall replace, see `_added`.
             goal: gain of the effect that it replaces there.
         """
         alone = self.fit([point], SEARCH.alone_steps, rest.template, freedom)
@@ -434,6 +454,7 @@ class Search(Fitting):
             goal = self.misfit(rest.template) - fitted.misfit
             margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
             freedom = self._freedom_beside(slopes, own)
+            added = self._added(fitted, left_out, rest, freedom)
 
             def refined(
                 point: tuple,
@@ -442,10 +463,11 @@ class Search(Fitting):
                 margin: float = margin,
                 rest: Fitted = rest,
                 freedom: Freedom | None = freedom,
+                added: Fitted = added,
             ) -> Fitted | None:
                 candidate: Candidate = point[0]
                 if not candidate.acts:
-                    alone = self._alone(point, rest, freedom, fitted, goal)
+                    alone = self._alone(point, rest, freedom, added, goal)
                     if alone is None:
                         return None
                     point = alone.start[0]
