@@ -85,9 +85,9 @@ class Known:
             said.append(f'Left out: {lost} sweeps whose line is too near 0 Hz')
         if self._unsound:
             said.append(
-                f'Left out: {self._unsound} sweeps whose lines were mistaken, hardly stand out of the noise, are far '
-                'weaker than before and after, or are too near 0 Hz or the Nyquist frequency, as far lines are where '
-                'the references differ much'
+                f'Left out: {self._unsound} sweeps whose lines were mistaken, hardly stand out of the noise or of '
+                'other lines, are far weaker than before and after, or are too near 0 Hz or the Nyquist frequency, as '
+                'far lines are where the references differ much'
             )
         if not self._data.topology.has_mirror:
             said.append('Negative frequencies of the I/Q samples are not compared')

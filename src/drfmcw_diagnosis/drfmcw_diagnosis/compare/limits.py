@@ -190,6 +190,14 @@ class SweepLimits:
     """Power of a line over that of a bin of noise [1], in the median of a group (16 dB), below which another bin may
     pass for it; chosen."""
 
+    least_over_others: float = 4.0
+    """Power of a line over that of any other line [1], in the median of a group (6 dB), below which the other one may
+    pass for it where the model is a little off; chosen."""
+
+    mistaken: float = 10.0
+    """Difference of a group's range from the reference, beside another group's, where a line was mistaken [m]; chosen:
+    more than scales, clocks and delays make."""
+
     astray: float = 1.0
     """Difference of a range from those of its group where a line was mistaken [m]; chosen."""
 

@@ -8,10 +8,11 @@ from numpy.polynomial.legendre import legfit, legval
 from scipy import signal
 
 from drfmcw_node.estimators.estimation import Flag
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
-from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths, mean_power
+from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths, mean_power, near_line
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
 from ..recording.grouping import noise_by_bends
@@ -72,7 +73,8 @@ class RecordedSweeps:
             self.members = members
         self.unsound, self.whole = 0, np.ones(len(self.members), bool)
         self._extract()
-        sound = [self._sound(g) for g in range(len(self.members))]
+        mistaken = self._mistaken()
+        sound = [self._sound(g) & ~mistaken[g] for g in range(len(self.members))]
         if self.topology.is_pair and not all(s.all() for s in sound) and any(s.sum() >= SCATTER.fewest for s in sound):
             kept = [m[s] for m, s in zip(self.members, sound, strict=True) if s.sum() >= SCATTER.fewest]
             self.whole = np.array([s.all() for s in sound if s.sum() >= SCATTER.fewest])
@@ -196,7 +198,7 @@ class RecordedSweeps:
         """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).
 
         Neither are few of them far weaker than the others: something stood in the way. No sweep of a group is sound
-        whose lines hardly stand out of the noise: to take the strongest ones would raise their mean power.
+        whose lines hardly stand out of the noise, or of another line: to take the strongest would raise the mean power.
         """
         sweeps, rate = self.sweeps[group], self.data.sweeps[0][0].sample_rate
         # a line that is expected beyond the Nyquist frequency folds back into the ramp's band
@@ -206,10 +208,34 @@ class RecordedSweeps:
         error = self.range_error(group)
         error = np.abs(error - np.median(error))
         clear &= error < max(SWEEPS.astray, SWEEPS.astray_spreads * float(np.median(error)))
-        clear &= bool(np.all(np.median(_standing_out(sweeps, rate), axis=0) > SWEEPS.least_line))
+        over_noise, over_others = _standing_out(sweeps, rate)
+        clear &= bool(np.all(np.median(over_noise, axis=0) > SWEEPS.least_line))
+        clear &= bool(np.all(np.median(over_others, axis=0) > SWEEPS.least_over_others))
         apart = np.abs(sweeps.amplitude - np.median(sweeps.amplitude, axis=0))
         faded = np.any(apart > np.maximum(SWEEPS.faded, SWEEPS.faded_spreads * np.median(apart, axis=0)), axis=1)
         return clear & ~(faded & (np.mean(faded) < SWEEPS.faded_share))
+
+    def _mistaken(self) -> np.ndarray:
+        """Return the groups in which another line passes for one of the stations' own (G,), as a strong spur may.
+
+        It moves range and beat frequency together, as nothing else does, beside the group whose range is nearest to the
+        reference.
+        """
+        found = np.zeros(len(self.members), bool)
+        if not self.topology.both_heard:
+            return found
+        error = np.array([np.median(self.range_error(g)) for g in range(len(self.members))])
+        if not np.isfinite(error).any():
+            return found
+        turned, of_way = np.zeros(len(found)), np.zeros(len(found))
+        for part in self.parts:
+            of_way[part.groups] = 2.0 * abs(part.extract.sweeps[0].chirp_rate) / SPEED_OF_LIGHT
+            for g in part.groups:
+                first, second = self._expected_lines(g)
+                turned[g] = np.median(self.sweeps[g].beat) - (first + part.extract.sign * second)
+        nearest = np.nanargmin(np.abs(error))
+        moved = np.abs(error - error[nearest])
+        return (moved > SWEEPS.mistaken) & (np.abs(turned - turned[nearest]) > moved * of_way / 2.0)
 
     def _is_counted(self, group: int) -> bool:
         """Return whether a target that stands by its reference moves less than the carrier's phase is ambiguous by.
@@ -246,13 +272,20 @@ class RecordedSweeps:
         return Part(groups, local, nominal, steady(nominal, local), extract)
 
 
-def _standing_out(sweeps: SweepFeatures, rate: float) -> np.ndarray:
-    """Return the power of each sweep's lines over that of the noise in a bin (n, S); `rate` of the samples [Hz]."""
-    last = sweeps.power.shape[-1] - 1
-    at = np.clip(np.rint(sweeps.line / (rate / 2.0) * last).astype(int), 0, last)
-    line = np.take_along_axis(sweeps.power, at[..., None], axis=-1)[..., 0]
-    noise = np.median(sweeps.power, axis=-1) / np.log(2.0)  # powers of noise are exponentially distributed
-    return np.asarray(line / np.maximum(noise, 1e-30))
+def _standing_out(sweeps: SweepFeatures, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the power of each sweep's lines over that of the noise in a bin, and over any other line's (n, S).
+
+    Args:
+        sweeps: features of a group.
+        rate: of the samples [Hz].
+    """
+    power, bins = sweeps.power, sweeps.power.shape[-1]
+    width = rate / 2.0 / (bins - 1)
+    at = np.clip(np.rint(np.abs(sweeps.line) / width).astype(int), 0, bins - 1)
+    line = np.take_along_axis(power, at[..., None], axis=-1)[..., 0]
+    noise = np.median(power, axis=-1) / np.log(2.0)  # powers of noise are exponentially distributed
+    other = np.where(near_line(bins, np.abs(sweeps.line), width, rate), 0.0, power).max(axis=-1)
+    return line / np.maximum(noise, 1e-30), line / np.maximum(other, 1e-30)
 
 
 def _course(values: np.ndarray) -> np.ndarray:

@@ -89,6 +89,17 @@ def test_distances_at_which_the_line_drowns_are_left_out(tmp_path):
     assert abs(named.parameters['loss'].value - 38.0) < 4.0 * named.parameters['loss'].std
 
 
+def test_distances_at_which_a_spur_passes_for_the_line_are_left_out(tmp_path):
+    """There the range is hundreds of metres off, at any distance that is compared less than a decimetre."""
+    spur = {'effect': 'spur', 'station': 'slave', 'frequency': 561e3, 'level': -47.5}
+    standing = {'distances': [30.0, 60.0, 120.0, 540.0, 700.0], 'sweeps': 8}
+    path = record(scene({'standing': standing}, effects=[spur], reference={'range_std': 0.005}), tmp_path / 'r')
+    comparison = Comparison(read_dataset(path))
+    distances = [comparison.data.distance[m].mean() for m in comparison.members]
+    assert 2 <= len(distances) < 5 and max(distances) < 540.0
+    assert all(np.abs(comparison.recorded.range_error(g)).max() < 0.1 for g in range(len(distances)))
+
+
 def test_codes_at_which_a_crest_ends_change_little():
     """A square has a sharp edge, whose place among the codes is chance: it changes the pile by less than a third."""
     phase = 2.0 * np.pi * (np.arange(2000) * 0.1234 + np.linspace(0.0, 1.0, 44)[:, None])
