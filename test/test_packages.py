@@ -79,7 +79,7 @@ def uses(module: Path) -> frozenset[str]:
             found |= {named[1]} if named else set()
     for name in tuple(found):
         for shared in (ROOT / 'test' / f'{name}.py', module.parent / f'{name}.py'):
-            if module.parent.name == 'test' and shared.is_file():
+            if 'test' in module.relative_to(ROOT).parts and shared.is_file():
                 found = found - {name} | uses(shared)
     return frozenset(found - sys.stdlib_module_names)
 
@@ -111,7 +111,7 @@ def code_of(package: Path) -> list[Path]:
 def test_package_xml_names_what_is_imported_and_nothing_else(package):
     run = needed(package, code_of(package)) | NOT_IMPORTED.get(package.name, set())
     assert differences(declared(package, 'depend', 'exec_depend'), run) == {}
-    tests = needed(package, sorted(package.glob('test/*.py'))) | EVERY_TEST
+    tests = needed(package, sorted(package.glob('test/**/*.py'))) | EVERY_TEST
     assert differences(declared(package, 'test_depend'), tests - run) == {}
 
 
@@ -139,7 +139,7 @@ def test_every_package_has_a_changelog_that_catkin_reads(path):
 
 def test_tests_have_names_of_their_own():
     """Two modules of one name cannot be imported in one run."""
-    names = [path.name for folder in [ROOT, *PACKAGES] for path in folder.glob('test/*.py')]
+    names = [path.name for folder in [ROOT, *PACKAGES] for path in folder.glob('test/**/*.py')]
     assert sorted(names) == sorted(set(names))
 
 
@@ -163,7 +163,7 @@ def test_recordings_for_tests_stay_small():
 
 
 def test_no_test_needs_a_path_of_one_machine():
-    for path in [ROOT / 'conftest.py', *ROOT.glob('test/*.py'), *ROOT.glob('src/*/test/*.py')]:
+    for path in [ROOT / 'conftest.py', *ROOT.glob('test/*.py'), *ROOT.glob('src/*/test/**/*.py')]:
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 assert not re.match(r'/(work|home|root)/', node.value), (path.name, node.lineno, node.value)
