@@ -109,8 +109,7 @@ class Standing:
             and self.over_kinds < LIMITS.over_kinds
             and self.smallest > LIMITS.smallest
             and self.predicted > LIMITS.predicted
-            and self.evidence > LIMITS.evidence
-            and self.probability < LIMITS.probability
+            and self.has_evidence
             and self.certain > LIMITS.certain
             and self.left < LIMITS.left
             and self.bent < LIMITS.bent
@@ -121,6 +120,11 @@ class Standing:
             and not self.is_event
             and not self.is_noise
         )
+
+    @property
+    def has_evidence(self) -> bool:
+        """True where numbers of which little else is left show it beyond doubt."""
+        return self.evidence > LIMITS.evidence and self.probability < LIMITS.probability
 
     @property
     def is_cancelled(self) -> bool:

@@ -141,7 +141,8 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
         doubtful = [i for i, one in enumerate(found) if not one.stands]
         if not doubtful:
             break
-        worst = min(doubtful, key=lambda i: found[i].predicted)
+        # what has no evidence of its own may spoil what the fits without one part predict of the others
+        worst = min(doubtful, key=lambda i: (found[i].has_evidence, found[i].predicted))
         search.give_up(fitted.effects[worst])
         kept = tuple(e for i, e in enumerate(fitted.effects) if i != worst)
         fitted = search.again(dataclasses.replace(fitted, effects=kept)) if kept else None
