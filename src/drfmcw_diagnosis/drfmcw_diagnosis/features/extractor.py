@@ -374,10 +374,8 @@ class Extractor:
         if self.topology.iq:
             spectrum[:, bins:][masked[:, -2:0:-1]] = 0.0
         left = np.fft.ifft(spectrum) if self.topology.iq else np.fft.irfft(spectrum, len(weights))
-        spans = len(weights) // SPECTRUM.span
-        power = (np.abs(left[:, : spans * SPECTRUM.span]) ** 2).reshape(len(left), spans, SPECTRUM.span).mean(axis=2)
         clear = self._clear_spans
-        return power[:, clear] / _by_span((weights / weights.max()) ** 2)[clear]
+        return _by_span(np.abs(left) ** 2)[:, clear] / _by_span(weights**2)[clear]
 
     @functools.cached_property
     def _clear_spans(self) -> np.ndarray:
@@ -416,9 +414,10 @@ def block_lengths(count: int) -> range:
 
 
 def _by_span(values: np.ndarray) -> np.ndarray:
-    """Return the means of values over the sweep (N,) in equal spans (T,)."""
-    spans = len(values) // SPECTRUM.span
-    return np.asarray(values[: spans * SPECTRUM.span].reshape(spans, SPECTRUM.span).mean(axis=1))
+    """Return the means of values over the sweep (..., N) in equal spans (..., T)."""
+    spans = values.shape[-1] // SPECTRUM.span
+    of_spans = values[..., : spans * SPECTRUM.span].reshape(*values.shape[:-1], spans, SPECTRUM.span)
+    return np.asarray(of_spans.mean(axis=-1))
 
 
 def span_times(sweep: SweepSettings) -> np.ndarray:
