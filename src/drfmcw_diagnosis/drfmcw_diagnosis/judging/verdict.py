@@ -8,6 +8,7 @@ import numpy as np
 from ..search import events
 from ..search.fitting import Fitted
 from ..search.leftovers import Leftover, leftovers
+from ..search.limits import SELECTION
 from ..search.search import Search
 from ..search.selection import Found, forward, pruned
 from . import curves, standing, steadiness
@@ -143,12 +144,38 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
             break
         # what has no evidence of its own may spoil what the fits without one part predict of the others
         worst = min(doubtful, key=lambda i: (found[i].has_evidence, found[i].predicted))
+        completed = _completed(search, fitted, worst) if found[worst].has_evidence else None
+        if completed is not None:
+            fitted = completed
+            continue
         search.give_up(fitted.effects[worst])
         kept = tuple(e for i, e in enumerate(fitted.effects) if i != worst)
         fitted = search.again(dataclasses.replace(fitted, effects=kept)) if kept else None
         search.set_aside = _without_name(search, fitted)
     search.doubted -= set(fitted.keys if fitted is not None else ())
     return fitted
+
+
+def _completed(search: Search, fitted: Fitted, doubtful: int) -> Fitted | None:
+    """Return an explanation with one more effect, beside which a doubtful one stands as it does itself; None without.
+
+    Each of two strong effects may be uneven as long as the other one is missing. What neither explains may hide both,
+    so it counts as noise in the meantime.
+    """
+    if len(fitted.effects) == SELECTION.most:
+        return None
+    before, noisier = search.set_aside, search.noisier
+    search.count_as_noise(fitted, _without_name(search, fitted), search.templates_beside(fitted))
+    search.trust(fitted)
+    around = search.again(fitted)
+    more = [f for f in search.best_addition(around) if search.credible(f, around.template)]
+    search.set_aside, search.noisier = before, noisier
+    search.trust(fitted)
+    for other in (search.again(f) for f in more):
+        found = standings(search, other)
+        if found[doubtful].stands and found[-1].stands:
+            return other
+    return None
 
 
 def _significant(search: Search, fitted: Fitted | None, false_alarm_rate: float) -> list[Leftover]:
