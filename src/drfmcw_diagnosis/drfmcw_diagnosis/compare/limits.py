@@ -145,6 +145,9 @@ class ScatterLimits:
     trend_above: float = 2.5
     """Standard deviations from which on a term is an outlier of that fit; chosen."""
 
+    same_pause: float = 0.1
+    """Relative difference of a pause between sweeps from the usual one, up to which none is missing; chosen."""
+
     wander_sweeps: int = 7
     """Consecutive sweeps whose bends show how the carrier phase wanders; chosen."""
 

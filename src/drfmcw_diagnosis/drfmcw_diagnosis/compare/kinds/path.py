@@ -116,9 +116,10 @@ class Movement(Kind):
         by_phase = any(part.extract.way_per_phase for part in recorded.parts)
         values, stds = [], []
         for g, (rows, sweeps) in enumerate(zip(recorded.members, recorded.sweeps, strict=True)):
-            quiet = _undisturbed(sweeps)
+            time = recorded.data.time[rows]
+            quiet = _undisturbed(sweeps, time)
             if recorded.counted[g]:
-                turned = np.unwrap(sweeps.carrier[quiet]) * wave
+                turned = unwrapped(sweeps.carrier[quiet], time[quiet]) * wave
                 # noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does
                 wander = noise_by_bends(turned) if len(turned) >= SCATTER.wander_sweeps else 0.0
                 std = np.hypot(np.maximum(sweeps.phase_std * wave, wander), MODEL.movement)
@@ -168,7 +169,27 @@ class Movement(Kind):
         return Plotted(time[known], residual, std, curve, self.unit)
 
 
-def _undisturbed(sweeps: SweepFeatures) -> np.ndarray:
+def unwrapped(phase: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return phases (n,) [rad] without jumps of whole turns, about their mean rate.
+
+    Where sweeps are missing, the phase may turn further in the gap than can be counted; its rate in between tells how
+    far.
+
+    Args:
+        phase: at each time, up to whole turns [rad].
+        time: in order (n,) [s].
+    """
+    if len(phase) < 2:
+        return phase
+    pause = np.diff(time)
+    usual = float(np.median(pause))
+    next_to = np.abs(pause - usual) <= SCATTER.same_pause * usual
+    turn = float(np.angle(np.sum(np.exp(1j * np.diff(phase)[next_to]))))
+    trend = turn / usual * (time - time[0]) if usual > 0.0 else np.zeros(len(time))
+    return np.unwrap(phase - trend) + trend
+
+
+def _undisturbed(sweeps: SweepFeatures, time: np.ndarray) -> np.ndarray:
     """Return which sweeps' phases no burst turns (n,), all where hardly any is free.
 
     Where there are bursts, one may also lie where the spectrum's window ends: the phase alone shows it.
@@ -176,7 +197,7 @@ def _undisturbed(sweeps: SweepFeatures) -> np.ndarray:
     quiet: np.ndarray = np.all(sweeps.free, axis=1)
     if quiet.all() or quiet.sum() < SCATTER.wander_sweeps:
         return np.ones(len(quiet), bool)
-    phase = np.unwrap(sweeps.carrier[quiet])
+    phase = unwrapped(sweeps.carrier[quiet], time[quiet])
     off = np.abs(phase - median_filter(phase, 3, mode='mirror'))
     if off.any():
         quiet[quiet] = off <= SCATTER.turned * np.median(off[off > 0.0])
