@@ -21,6 +21,16 @@ from .simulated_sweeps import SimulatedSweeps
 _BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follow the distance
 
 
+def follows_distance(effect: Effect) -> bool:
+    """Return whether what an effect adds may follow the true distance to a part of the carrier's wavelength."""
+    return ActsOn.DELAY in effect.acts_on and effect.stage in _BY_DISTANCE and not displaces(effect)
+
+
+def displaces(effect: Effect) -> bool:
+    """Return whether the crane stands elsewhere than the reference says if an effect acts."""
+    return effect.motion is not Motion.NONE or ActsOn.REFERENCE in effect.acts_on
+
+
 @dataclasses.dataclass(frozen=True)
 class Distortion:
     """By how much distortion changes what noisy sweeps show."""
@@ -327,7 +337,7 @@ class Predictor:
         error = reading - part.steady.range
         if displaced:
             error = error - self.recorded.reference_noise[part.groups]
-        if not error.any() or not any(ActsOn.DELAY in e.acts_on and e.stage in _BY_DISTANCE for e in effects):
+        if not error.any() or not any(follows_distance(e) or e.motion is not Motion.NONE for e in effects):
             return part, reading
         steady = part.steady.rows(slice(None))
         move(steady, -error)

@@ -1,9 +1,10 @@
 """Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
 
+import contextlib
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
 from ..compare.groups import Entries
 from ..compare.kinds.explained import Explained
+from ..compare.predicting import displaces, follows_distance
 from .bank import Candidate
 from .limits import FIT
 from .whitening import Whitening
@@ -198,6 +200,9 @@ def cells_of(entries: Entries) -> np.ndarray:
     return cells
 
 
+_NOWHERE_ELSE = np.zeros(0)
+
+
 class Fitting:
     """Fits the parameters of effects to one comparison."""
 
@@ -215,8 +220,24 @@ class Fitting:
         # what has no name, over the numbers' standard deviations and times its prior (k, n)
         self.set_aside = np.zeros((0, len(comparison.residual)))
         self.whitening = Whitening(self.noisier, comparison.common_errors)
+        # effects by which the crane stands elsewhere than the reference says, and their template, see `standing_as`
+        self._place: tuple[tuple[Effect, ...], np.ndarray] = ((), _NOWHERE_ELSE)
+
+    @contextlib.contextmanager
+    def standing_as(self, fitted: 'Fitted | None') -> Iterator[None]:
+        """Simulate reflections alone with the crane where an explanation has it, not where the reference has it."""
+        displacing = [e for e in fitted.effects if displaces(e.build())] if fitted is not None else []
+        moved = tuple(e.build() for e in displacing)
+        before, self._place = self._place, (moved, self.comparison.template(moved)) if moved else ((), _NOWHERE_ELSE)
+        try:
+            yield
+        finally:
+            self._place = before
 
     def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
+        moved, without = self._place
+        if moved and effects and all(map(follows_distance, effects)):
+            return self.comparison.template((*moved, *effects), around) - without
         return self.comparison.template(effects, around)
 
     def fit(

@@ -230,6 +230,9 @@ class ScanLimits:
     highest: float = 1000.0
     """Product of both antennas' heights above the ground, at most [m^2]; chosen."""
 
+    beside: float = 0.1
+    """Spread of what is explained of the range, in wavelengths, from which on fringes are sought there, too; chosen."""
+
     per_fringe: int = 8
     """Products tried per fringe at the nearest distance [1]; chosen."""
 

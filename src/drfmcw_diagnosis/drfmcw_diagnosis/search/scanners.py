@@ -7,6 +7,7 @@ what an effect does.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -164,9 +165,23 @@ def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
 
 
 def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
-    """Return products of both antennas' heights above ground that reflects [m^2]."""
-    phasors = _phasors(c, residual, False)
+    """Return products of both antennas' heights above ground that reflects [m^2].
+
+    Fringes are where the crane stands: by the reference, or beside it by what is explained of the range.
+    """
     distance = np.array([c.data.distance[m].mean() for m in c.members])
+    explained = (c.residual - residual)[c.entries.where(kind='range')]
+    beside = np.where(np.isfinite(c.std.range), explained * np.nan_to_num(c.std.range, posinf=0.0), 0.0)
+    found = _fringes(c, residual, distance)
+    if np.ptp(beside) * c.data.sweeps[0][0].center_frequency > SCAN.beside * SPEED_OF_LIGHT:
+        elsewhere = _fringes(c, residual, distance + beside)
+        found = [product for both in itertools.zip_longest(elsewhere, found) for product in both if product is not None]
+    return tuple(dict.fromkeys(found))
+
+
+def _fringes(c: Comparison, residual: np.ndarray, distance: np.ndarray) -> list[float]:
+    """Return products of heights [m^2] whose fringes over the distances (G,) [m] of the groups fit best, best first."""
+    phasors = _phasors(c, residual, False)
     carrier = c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT
     # the product changes by R c / (2 f) from fringe to fringe, so fringes are closest at the nearest distance R
     step = max(float(distance.min()) / (2.0 * carrier * SCAN.per_fringe), SCAN.highest / SCAN.heights)
@@ -183,7 +198,7 @@ def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Reci
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
     gained = correlation.sum(axis=1) + DECIBELS_PER_NEPER * turn.real @ level.sum(axis=1)
     spent = power.sum(axis=1) + DECIBELS_PER_NEPER**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
-    return tuple(float(products[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections))
+    return [float(products[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections)]
 
 
 def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:

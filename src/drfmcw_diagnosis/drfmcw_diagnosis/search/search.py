@@ -135,7 +135,11 @@ class Search(Fitting):
             candidate, values = missing[key]
             return self._template([candidate.build(values)]).astype(np.float32)
 
-        keys = [(c.effect, c.station, tuple(sorted(values.items()))) for c, values in wanted]
+        place = tuple(repr(effect) for effect in self._place[0])
+        keys = [
+            (c.effect, c.station, tuple(sorted(values.items())), place if c.recipe.fringes else ())
+            for c, values in wanted
+        ]
         missing = {key: w for key, w in zip(keys, wanted, strict=True) if key not in self._kept}
         found = {key: self._kept[key] for key in keys if key in self._kept}
         found |= zip(missing, self._workers.map(simulated, list(missing)), strict=True)
@@ -307,7 +311,6 @@ class Search(Fitting):
         candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
         residual = self.comparison.residual - rest.template
         freedom = self._freedom_beside(self.slopes(fitted), fitted.spans[number])
-        begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
         goal = self.misfit(rest.template) - fitted.misfit
         added = self._added(fitted, number, rest, freedom)
 
@@ -315,7 +318,10 @@ class Search(Fitting):
             alone = self._alone(point, rest, freedom, added, goal)
             return None if alone is None else self.fit([*rest.start[:number], *alone.start, *rest.start[number:]])
 
-        fits = [f for f in self._workers.map(refined, [(candidate, values) for _, _, values in begun]) if f is not None]
+        with self.standing_as(rest):
+            begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
+            refits = self._workers.map(refined, [(candidate, values) for _, _, values in begun])
+        fits = [f for f in refits if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
 
@@ -367,6 +373,10 @@ class Search(Fitting):
 
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
+        with self.standing_as(current):
+            return self._best_addition(current)
+
+    def _best_addition(self, current: Fitted | None) -> list[Fitted]:
         beside = current.template if current else 0.0
         residual = self.comparison.residual - beside
         slopes = self.slopes(current) if current is not None else np.zeros((0, len(residual)))
@@ -476,9 +486,11 @@ class Search(Fitting):
                     return None
                 return self.fit(begun.start, linearised=linearised)
 
-            points = self._substitutes(rest, SEARCH.promised * goal, freedom)
-            points += self._elsewhere(fitted.effects[left_out], rest, points)
-            for other in self._workers.map(refined, points):
+            with self.standing_as(rest):
+                points = self._substitutes(rest, SEARCH.promised * goal, freedom)
+                points += self._elsewhere(fitted.effects[left_out], rest, points)
+                others = self._workers.map(refined, points)
+            for other in others:
                 if other is None or not self.credible(other, rest.template):
                     continue
                 if other.keys == fitted.keys and other.free == fitted.free:
