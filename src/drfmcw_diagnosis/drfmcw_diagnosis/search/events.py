@@ -14,6 +14,7 @@ from scipy import special, stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
+from ..compare.algebra import scaled_inverse
 from ..compare.kinds import Kind
 from .fitting import Fitted, Fitting, Freedom
 from .whitening import Whitening
@@ -62,6 +63,9 @@ class EventLimits:
 
     clearly: float = 30.0
     """Gain by which events that are set aside must exceed that of the best further effect [1]; chosen."""
+
+    adequate: float = 1e-3
+    """Gain over what an explanation explains [1], below which an event may be its inaccuracy; as of a remainder."""
 
     prior: float = 30.0
     """Standard deviation of the size of an event that is set aside, over the size found [1]; chosen: any size."""
@@ -134,8 +138,29 @@ def left(fitting: Fitting, fitted: Fitted | None, as_measured: Whitening) -> np.
         chance = len(each) * best.tried * stats.chi2.sf(best.gain, 1)
         if not (chance <= LIMITS.chance and best.gain >= LIMITS.worth * excess):
             break
+        if best.gain < _gain_of_curve(fitting, whitening, rest, beside, best):
+            break
         found = np.vstack([found, _directions(fitting, best)])
     return found
+
+
+def _gain_of_curve(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Freedom, event: _Event) -> float:
+    """Return the gain of a smooth curve of as many parameters in an event's place; arguments as of `_events`.
+
+    A step explains three quarters of a slope.
+    """
+    c, (kind, phases) = fitting.comparison, _ramp(fitting)
+    place = np.linspace(-1.0, 1.0, len(event.shape))
+    curves = np.zeros((LIMITS.of_event, len(c.residual)))
+    for channel, factor in event.channels.items():
+        of_phase = channel in phases
+        first = 2 if of_phase else 1  # whose level, and of phases whose slope, each sweep has by itself
+        shapes = np.array([np.polynomial.Legendre.basis(first + i)(place) for i in range(LIMITS.of_event)])
+        shown = _as_shown(shapes, of_phase)[:, None] * (factor * event.law[:, None] / c.std['ramp'][:, channel])
+        curves[:, c.rows(kind, channel)] = shown.reshape(len(shapes), -1)
+    own = np.array([beside.left(whitening(curve)) for curve in curves])
+    along = own @ rest
+    return float(along @ scaled_inverse(own @ own.T) @ along)
 
 
 def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -> bool:
@@ -157,7 +182,8 @@ def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -
     over_sweep = fitting.comparison.entries.where(kind='ramp')  # a shift of the lines is no evidence of an event
     gain = float(np.sum((now - then)[over_sweep]))
     least = LIMITS.clearly if further is None else float(np.sum(now)) - further.misfit + LIMITS.clearly
-    if gain < max(least, LIMITS.clearly):
+    explained = fitting.misfit(0.0) - fitted.misfit if fitted is not None else 0.0
+    if gain < max(least, LIMITS.clearly, LIMITS.adequate * explained):
         return False
     before, fitting.set_aside = fitting.set_aside, apart
     if fitted is None:
