@@ -106,6 +106,9 @@ class ScatterLimits:
     """Departure of a sweep's phase from its neighbours' over the usual one [1], from which on a burst has turned it;
     chosen."""
 
+    cut_off: float = 0.01
+    """Power of bursts in a group over the usual one [1], below which the sweep has cut them off; chosen."""
+
     ambiguous: float = 0.5
     """Movement from sweep to sweep over half a turn of the carrier's phase [1], from which on the range counts it;
     chosen."""

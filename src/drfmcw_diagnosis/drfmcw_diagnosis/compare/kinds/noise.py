@@ -7,7 +7,7 @@ import numpy as np
 from ...features.extractor import unevenness
 from ...features.limits import SIDEBANDS
 from ..groups import pooled
-from ..limits import MODEL
+from ..limits import MODEL, SCATTER
 from ..measuring import Evidence
 from ..predicting import Expected
 from ..recorded_sweeps import RecordedSweeps
@@ -23,7 +23,7 @@ class Burst(Kind):
         """Return the unevenness of each group; nothing is compared where sweeps are too few to scatter.
 
         Bursts may be why sweeps were left out, so groups that are whole say how often they come. A group that holds
-        none by chance says nothing of their power.
+        none by chance, or the end of one that the sweep cuts off, says nothing of their power.
         """
         recorded, sweeps = evidence.recorded, evidence.recorded.sweeps
         if not recorded.scatters:
@@ -33,6 +33,10 @@ class Burst(Kind):
         if recorded.whole.any():
             std[~recorded.whole] = np.inf
         loud = (values[..., 1] > 0.0) & np.isfinite(std[..., 1])
+        for held, beyond in zip(loud.T, values[..., 0].T, strict=True):
+            excess = beyond[held] + np.log(-np.expm1(-np.maximum(beyond[held], 1e-9)))  # of the power, log of it
+            if held.any():
+                held[held] = excess > np.median(excess) + np.log(SCATTER.cut_off)
         std[..., 0] = np.where(loud | ~loud.any(axis=0), std[..., 0], np.inf)
         return values, std
 
