@@ -108,6 +108,9 @@ class SearchLimits:
     far: float = 4.0
     """Multiple of RIVAL within which a substitute is refined to the end; chosen."""
 
+    much: float = 0.01
+    """Share of what several effects gain by which one in their place may be behind before it is refined; chosen."""
+
     behind: float = 0.2
     """Share of an effect's gain by which a substitute may then be behind; chosen."""
 

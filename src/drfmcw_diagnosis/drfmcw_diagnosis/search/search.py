@@ -544,7 +544,8 @@ class Search(Fitting):
             freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced))
             most = max(several, key=lambda c: len(c.values))
             alone = self.fit([(most, most.values)], SEARCH.first_steps, rest.template, freedom)
-            return alone.misfit - fitted.misfit < SEARCH.far * SEARCH.rival
+            least = SEARCH.much * (self.misfit(rest.template) - fitted.misfit)
+            return alone.misfit - fitted.misfit < max(SEARCH.far * SEARCH.rival, least)
 
         def refined(start: list[tuple[Candidate, dict[str, float]]]) -> Fitted:
             return self.fit(start, linearised=linearised)
