@@ -37,5 +37,5 @@ def test_a_step_is_an_event(data, at):
 
 @pytest.mark.parametrize('bend', [0.0, 0.5, -1.0])
 def test_a_slope_is_no_event(data, bend):
-    """A step explains three quarters of it, a straight line all: set aside, it would hide the slope of the amplitude."""
+    """A step explains three quarters of it, a straight line all: set aside, it would hide what bends it."""
     assert events_of(data, lambda place: place + bend * place**2) == 0
