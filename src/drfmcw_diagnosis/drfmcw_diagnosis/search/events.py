@@ -64,6 +64,9 @@ class EventLimits:
     clearly: float = 30.0
     """Gain by which events that are set aside must exceed that of the best further effect [1]; chosen."""
 
+    lost: int = 4
+    """Samples that a station loses at once, at most, whose turns of the line may exceed half a turn [1]; chosen."""
+
     adequate: float = 1e-3
     """Gain over what an explanation explains [1], below which an event may be its inaccuracy; as of a remainder."""
 
@@ -318,13 +321,20 @@ def _laws(fitting: Fitting) -> list[tuple[np.ndarray, int]]:
     """Return how large an event may be in each group (G,): alike, by the distance, by the frequency of a line.
 
     The last is that of samples which a station loses: what follows comes too early. Its number comes with it, else -1.
+    The phase shows by how many turns the line is then ahead, but for whole ones.
     """
     r = fitting.comparison.recorded
     laws = [(np.ones_like(r.distance), -1), (r.distance / r.distance.mean(), -1)]
     for number, station in enumerate(r.heard):
         lines = np.array([sweeps.line[:, number].mean() for sweeps in r.sweeps])
-        signs = np.array([r.data.sweeps[r.data.setting[rows[0]]][station].line_sign() for rows in r.members])
+        settings = [r.data.sweeps[r.data.setting[rows[0]]][station] for rows in r.members]
+        signs = np.array([sweep.line_sign() for sweep in settings])
+        turns = lines / np.array([sweep.sample_rate for sweep in settings])
         laws.append((signs * lines / lines.mean(), number))
+        for lost in range(2, LIMITS.lost + 1):
+            whole = np.rint(lost * turns)
+            if whole.any():
+                laws.append((signs * (lost * turns - whole), number))
     return laws
 
 
