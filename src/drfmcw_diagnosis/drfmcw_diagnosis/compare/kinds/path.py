@@ -172,7 +172,7 @@ class Movement(Kind):
 def unwrapped(phase: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return phases (n,) [rad] without jumps of whole turns, about their mean rate.
 
-    Where sweeps are missing, the phase may turn further in the gap than can be counted; its rate in between tells how
+    Where sweeps are missing, the phase may turn further in the gap than can be counted; its rate in between shows how
     far.
 
     Args:
