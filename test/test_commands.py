@@ -54,7 +54,7 @@ SHORTER = {
     r'simulate far\.yaml': (r'$', ' --set pairs.0.standing.sweeps=40', '8000 sweeps'),
     r'montecarlo': (r'( --trials \d+|$)', ' --trials 2 --jobs 1', '2000 trials at each point'),
     r'rehearse --times 200': ('200', '2', 'takes minutes'),
-    r'--duration \d+': (r'--duration \d+', '--duration 3', 'records minutes'),
+    r'--duration \d+': (r'--duration \d+', '--duration 6', 'records minutes'),
 }
 """What is made shorter: where, by what, and what the command does as printed."""
 
