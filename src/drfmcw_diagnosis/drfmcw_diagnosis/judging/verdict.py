@@ -20,7 +20,7 @@ from .standing import standings
 class VerdictLimits:
     """When a remainder counts against an explanation."""
 
-    adequate: float = 1e-3
+    adequate: float = events.LIMITS.adequate
     """Remainder over what is explained [1], of one kind of number at one station or of all together, below which an
     explanation holds whatever its significance: forward models are not exact; chosen, as the interface states it."""
 

@@ -152,15 +152,12 @@ def _gain_of_curve(fitting: Fitting, whitening: Whitening, rest: np.ndarray, bes
 
     A step explains three quarters of a slope.
     """
-    c, (kind, phases) = fitting.comparison, _ramp(fitting)
+    _, phases = _ramp(fitting)
     place = np.linspace(-1.0, 1.0, len(event.shape))
-    curves = np.zeros((LIMITS.of_event, len(c.residual)))
-    for channel, factor in event.channels.items():
-        of_phase = channel in phases
-        first = 2 if of_phase else 1  # whose level, and of phases whose slope, each sweep has by itself
-        shapes = np.array([np.polynomial.Legendre.basis(first + i)(place) for i in range(LIMITS.of_event)])
-        shown = _as_shown(shapes, of_phase)[:, None] * (factor * event.law[:, None] / c.std['ramp'][:, channel])
-        curves[:, c.rows(kind, channel)] = shown.reshape(len(shapes), -1)
+    # each sweep has a level by itself, and its phase a slope
+    first = 2 if next(iter(event.channels)) in phases else 1
+    shapes = [np.polynomial.Legendre.basis(first + i)(place) for i in range(LIMITS.of_event)]
+    curves = [_over_sweep(fitting, shape, event.law, event.channels) for shape in shapes]
     own = np.array([beside.left(whitening(curve)) for curve in curves])
     along = own @ rest
     return float(along @ scaled_inverse(own @ own.T) @ along)
@@ -208,7 +205,7 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     distant the other station, the later it hears what happens at the first one, which shows in the sum of the phases
     for that long.
     """
-    c, (kind, phases) = fitting.comparison, _ramp(fitting)
+    c, (_, phases) = fitting.comparison, _ramp(fitting)
     ones, far = np.ones_like(c.recorded.distance), c.recorded.distance / c.recorded.distance.max()
     later = np.gradient(event.shape)
     wider = np.gradient(later) * 0.5 * max(event.width, 1.0) ** 2
@@ -222,14 +219,25 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     ]
     own = phases if set(event.channels) <= set(phases) else list(event.channels)
     ways += [(np.eye(count)[b], along, {i: 1.0}) for b in about for along in (ones, far) for i in own]
-    result = np.zeros((len(ways), len(c.residual)))
-    for number, (shape, along, channels) in enumerate(ways):
-        for channel, factor in channels.items():
-            std = c.std['ramp'][:, channel]
-            shown = _as_shown(shape[None], channel in phases)
-            size = factor * event.size * event.law * along
-            result[number, c.rows(kind, channel)] = np.ravel(size[:, None] * shown / std)
-    return np.concatenate([result, _shifted_lines(fitting, event, phases), _earlier_end(fitting, event)])
+    sized = [_over_sweep(fitting, shape, event.size * event.law * along, channels) for shape, along, channels in ways]
+    return np.concatenate([np.array(sized), _shifted_lines(fitting, event, phases), _earlier_end(fitting, event)])
+
+
+def _over_sweep(fitting: Fitting, shape: np.ndarray, sizes: np.ndarray, channels: Mapping[int, float]) -> np.ndarray:
+    """Return a shape over the sweep (K,) of a size in each group (G,), over the numbers' standard deviations (n,).
+
+    Args:
+        fitting: of the recording.
+        shape: over the blocks of the sweep.
+        sizes: of each group.
+        channels: of the ramp that show it, and their signs.
+    """
+    c, (kind, phases) = fitting.comparison, _ramp(fitting)
+    result = np.zeros(len(c.residual))
+    for channel, factor in channels.items():
+        shown = _as_shown(shape[None], channel in phases)
+        result[c.rows(kind, channel)] = np.ravel(factor * sizes[:, None] * shown / c.std['ramp'][:, channel])
+    return result
 
 
 def _earlier_end(fitting: Fitting, event: _Event) -> np.ndarray:

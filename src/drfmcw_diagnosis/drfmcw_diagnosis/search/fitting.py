@@ -226,8 +226,7 @@ class Fitting:
     @contextlib.contextmanager
     def standing_as(self, fitted: 'Fitted | None') -> Iterator[None]:
         """Simulate reflections alone with the crane where an explanation has it, not where the reference has it."""
-        displacing = [e for e in fitted.effects if displaces(e.build())] if fitted is not None else []
-        moved = tuple(e.build() for e in displacing)
+        moved = tuple(filter(displaces, _built(fitted))) if fitted is not None else ()
         before, self._place = self._place, (moved, self.comparison.template(moved)) if moved else ((), _NOWHERE_ELSE)
         try:
             yield
