@@ -33,7 +33,9 @@ WRONG_CONFIGURATION = 2
 """Exit status of a process that need not be started again."""
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
-_reserved: collections.deque[IO] = collections.deque(maxlen=8)  # locks of the newest domains of this process
+_PARTICIPANTS = 32  # of a domain that are looked for: as many as discovery on localhost asks for
+_RESERVED = 8  # domains of this process at a time: each is one only while its participants start
+_reserved: collections.deque[IO] = collections.deque()  # their locks
 
 
 def free_domain_id() -> int:
@@ -43,21 +45,41 @@ def free_domain_id() -> int:
         ConfigurationError: all are taken.
     """
     for domain in random.sample(range(1, _LARGEST_DOMAIN + 1), _LARGEST_DOMAIN):
-        # the first participant of a domain takes this unicast port
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', _DISCOVERY_PORT + _DOMAIN_GAIN * domain + 10))
-                _reserved.append(_lock(domain))
-                return domain
-            except OSError:
-                continue
+        lock = _lock(domain)
+        if lock is None:
+            continue
+        if _is_quiet(domain):
+            if len(_reserved) == _RESERVED:
+                _reserved.popleft().close()
+            _reserved.append(lock)
+            return domain
+        lock.close()
     raise ConfigurationError('no ROS domain is free on this machine')
 
 
-def _lock(domain: int) -> IO:
-    """Return a locked file that stands for a domain; raises BlockingIOError where another process has locked it."""
+def _is_quiet(domain: int) -> bool:
+    """Return whether no participant of a domain runs here: each has a unicast port, the lowest that was free then.
+
+    The first one may have ended while others go on, so that its port alone does not say.
+    """
+    first = _DISCOVERY_PORT + _DOMAIN_GAIN * domain + 10
+    try:
+        for participant in range(_PARTICIPANTS):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(('', first + 2 * participant))
+    except OSError:
+        return False
+    return True
+
+
+def _lock(domain: int) -> IO | None:
+    """Return a locked file that stands for a domain, None where another process has locked it."""
     file = open(Path(tempfile.gettempdir()) / f'drfmcw-{os.getuid()}-domain-{domain}', 'w')
-    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        return None
     return file
 
 
