@@ -371,10 +371,16 @@ def _concealed(record: Record) -> str:
     def parameters(effect: Mapping[str, Any]) -> str:
         return ', '.join(parameter(n, v, effect['units'].get(n, '1')) for n, v in effect['parameters'].items())
 
+    def size(effect: Mapping[str, Any]) -> str:
+        d = effect['d']
+        if len(record['truth']['effects']) == 1:
+            return f'd {d["total"]:.1f}'
+        return f'd {d["alone"]:.1f} alone, {d["beside"]:.1f} beside the others'
+
     if is_null(record):
         return f'nothing ({record["kind"]})'
     text = ' + '.join(
-        e['effect'] + (f' ({e["station"]})' if e['station'] else '') + f' [{parameters(e)}; d {e["d"]["total"]:.1f}]'
+        e['effect'] + (f' ({e["station"]})' if e['station'] else '') + f' [{parameters(e)}; {size(e)}]'
         for e in record['truth']['effects']
     )
     return text + ''.join(f', searched without {name}' for name in record['truth']['without'])

@@ -116,6 +116,17 @@ def test_air_is_no_rival_of_a_scale_beyond_all_of_it(scale, verdict, others):
     assert (truth['verdicts'], len(truth['rivals'])) == ([verdict], others)
 
 
+def test_an_effect_counts_by_itself_and_beside_the_others():
+    """A loss that keeps the signal below the limit hides the clipping."""
+    clipping = Applied('clipping', 'master', {'level': -30.0})
+    wanted = [cases.Wanted(clipping), cases.Wanted(Applied('amplitude_loss', None, {'loss': 10.0}))]
+    truth = cases.realise(cases._of_pair('x', 'mixture', condition((60.0, 300.0), 8), tuple(wanted))).truth()
+    first, second = (effect['d'] for effect in truth['effects'])
+    assert first['total'] == first['alone'] > 100.0
+    assert first['beside'] < 1e-6
+    assert second['total'] == second['beside'] == pytest.approx(second['alone'])
+
+
 def test_separation_is_a_distance():
     """Zero to itself, alike both ways; d to nothing. Small effects, so that noise and lines hardly move."""
     c = condition((60.0, 300.0), 8)

@@ -52,7 +52,9 @@ def truth(
         'verdicts': list(verdicts),
         'without': list(without),
         'follows': follows,
-        'effects': [{**e, 'registered': registered, 'units': {}, 'd': {'total': d}} for e in effects],
+        'effects': [
+            {**e, 'registered': registered, 'units': {}, 'd': {'total': d, 'alone': d, 'beside': d}} for e in effects
+        ],
         'rivals': [[{'effect': e['effect'], 'station': e['station']}] for e in rivals],
         'tolerated': list(tolerated),
         'tolerated_levels': list(levels),
@@ -440,6 +442,16 @@ def test_figures_stand_beside_their_goals():
     assert [is_named(RECORDS[n]) for n in (2, 3, 6, 7)] == [True, False, False, True]
     assert [n for n, r in enumerate(RECORDS) if is_wrong_name(r)] == [3, 14]
     assert {goal.met for goal in goals(RECORDS)} <= {'yes', 'no', 'open', ''}
+
+
+@pytest.mark.parametrize(('alone', 'beside', 'counted'), [(12.0, 8.0, 1), (300.0, 3.0, 0), (9.0, 300.0, 0)])
+def test_goal_of_mixtures_counts_effects_that_show_alone_and_beside_the_others(alone, beside, counted):
+    sealed = truth(SPUR, ECHO, d=50.0)
+    sealed['effects'][1]['d'] = {'total': 50.0, 'alone': alone, 'beside': beside}
+    for group, goal in (('mixture', 'nothing named'), ('beside_unknown', 'beside something unknown')):
+        records = [record(0, group, 'echo + spur', sealed, finding('explained', found(SPUR), found(ECHO)))]
+        (measured,) = (g.measured for g in goals(records) if goal in g.what)
+        assert ('none run' not in measured) == bool(counted)
 
 
 def test_imitated_cases_are_shown_and_left_out_of_the_rate(tmp_path):

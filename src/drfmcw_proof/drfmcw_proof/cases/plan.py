@@ -90,7 +90,9 @@ class Case:
 
     plan: Plan
     effects: tuple[Applied, ...]
-    sizes: tuple[MatchedSize, ...]  # of each effect alone, the earlier ones in place
+    sizes: tuple[MatchedSize, ...]  # of each effect, the earlier ones in place
+    alone: tuple[float, ...]  # d of each effect, no other one in place
+    beside: tuple[float, ...]  # d of each effect, all others in place
 
     def truth(self) -> dict[str, Any]:
         """Return what is sealed. The salt keeps anyone from confirming a guessed truth by its hash."""
@@ -105,9 +107,9 @@ class Case:
                     **effect.as_object(),
                     'units': dict(KINDS[effect.effect].units),
                     'registered': KINDS[effect.effect].registered,
-                    'd': size.as_object(),
+                    'd': {**size.as_object(), 'alone': alone, 'beside': beside},
                 }
-                for effect, size in zip(self.effects, self.sizes, strict=True)
+                for effect, size, alone, beside in zip(self.effects, self.sizes, self.alone, self.beside, strict=True)
             ],
             'rivals': [[{'effect': e, 'station': s} for e, s in rival] for rival in plan.rivals],
             'tolerated': list(plan.tolerated),
@@ -135,7 +137,17 @@ def realise(plan: Plan) -> Case:
             effect, size = scaled(plan.condition, wanted.template, wanted.d, effects)
         effects.append(effect)
         sizes.append(size)
-    return Case(_possible(plan, effects), tuple(effects), tuple(sizes))
+    alone = [_total(plan.condition, e, [], effects[:i], sizes[i]) for i, e in enumerate(effects)]
+    beside = [_total(plan.condition, e, [o for o in effects if o is not e], effects[:i], sizes[i])
+              for i, e in enumerate(effects)]  # fmt: skip
+    return Case(_possible(plan, effects), tuple(effects), tuple(sizes), tuple(alone), tuple(beside))
+
+
+def _total(
+    condition: Condition, effect: Applied, there: Sequence[Applied], earlier: Sequence[Applied], known: MatchedSize
+) -> float:
+    """Return d of an effect beside those that are there; `known` is its size beside the earlier ones."""
+    return (known if list(there) == list(earlier) else matched_size(condition, [effect], there)).total
 
 
 def _possible(plan: Plan, effects: Sequence[Applied]) -> Plan:
