@@ -77,6 +77,7 @@ def test_residuals_of_a_recording_by_others_are_noise():
         ('noise', 0.3, 1.5),
         ('mean', 0.2, 2.2),
         ('baseline', 0.8, 1.2),
+        ('transient', 0.7, 1.3),
         ('harmonic', 0.6, 1.5),
     ):
         numbers = residual[entries.where(kind=kind)]
@@ -255,6 +256,18 @@ def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # on a machine half as fast it takes three minutes
+def test_a_high_pass_shows_where_lines_begin(tmp_path):
+    """Its transients have a random phase from sweep to sweep: only at the line's phase they add up."""
+    path = recorded(tmp_path / 'r', 31, Applied('ac_coupling', 'slave', {'pole': 6e3}))
+    finding = diagnose(path)
+    assert finding.verdict == 'explained'
+    (found,) = finding.explanation.effects
+    assert (found.effect, found.station) == ('ac_coupling', 'slave')
+    pole = found.parameters['pole']
+    assert pole.value == pytest.approx(6e3, abs=4.0 * pole.std)  # 6e-5 by chance
+    assert pole.std < 1e3
+
+
 def test_what_is_not_in_the_registry_is_described_and_not_named(tmp_path):
     """A stuck bit of the ADC: a mismatch far beyond chance, and no effect claimed."""
     path = recorded(tmp_path / 'stuck', 23, Applied('stuck_bit', 'master', {'bit': 4, 'value': 1}))

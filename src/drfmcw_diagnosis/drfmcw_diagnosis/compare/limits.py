@@ -180,6 +180,9 @@ class ScatterLimits:
     least_mean: float = 0.01
     """Least standard deviation of a sweep's mean [LSB]; chosen."""
 
+    least_transient: float = 1e-6
+    """Least standard deviation of a sweep's transient, over its line [1]; chosen."""
+
     least_range: float = 1e-5
     """Least standard deviation of a sweep's range [m]; chosen."""
 

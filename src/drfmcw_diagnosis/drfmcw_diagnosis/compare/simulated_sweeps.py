@@ -76,7 +76,7 @@ class SimulatedSweeps:
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
         distorting = any(effect.distorts for effect in effects)
         swaying = any(effect.motion is Motion.SWAY for effect in effects)
-        added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage < Stage.FILTER for effect in effects)
+        added = any(ActsOn.SAMPLES in effect.acts_on and effect.stage <= Stage.FILTER for effect in effects)
         way = self.way(part, effects)
         copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
         turns = 1.0 if added or distorting else 0.5  # of leakage and even harmonics half a turn leaves the mean

@@ -45,7 +45,7 @@ from drfmcw_physics.sweep import SweepSettings
 
 from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
-from . import adc_codes, coherence, signal_ends
+from . import adc_codes, coherence, signal_ends, transient
 from .limits import SIDEBANDS, SPECTRUM
 
 
@@ -60,6 +60,7 @@ class SweepFeatures:
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
     ends: np.ndarray  # (n, S, 2) samples before the signal begins, and before it ends
     baseline: np.ndarray  # (n, S, Q V) means of the samples in V spans of the sweep, less the mean of these [LSB]
+    transient: np.ndarray  # (n, S, 2 V) means in spans after the begin, at the line's phase, see `transient.measured`
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
     piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
     quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
@@ -145,8 +146,8 @@ class Extractor:
             harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
             quiet: compute `quiet`; otherwise it is (n, S, 0).
             noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
-            shape: compute `ramp`, `mean`, `ends`, `baseline`, `beat`, `amplitude`, `range`; otherwise they are (n, 0),
-                `noisy` or not, and `line` is that of a first round.
+            shape: compute `ramp`, `mean`, `ends`, `baseline`, `transient`, `beat`, `amplitude`, `range`; otherwise they
+                are (n, 0), `noisy` or not, and `line` is that of a first round.
         """
         functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
         taken = tuple(f for f, wanted in functions if wanted)
@@ -155,7 +156,7 @@ class Extractor:
             for i in range(0, len(samples[0]), 64)
         ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, ends, baseline, beat, amplitude, delay, std, carrier, phase_std, *rest = found
+        ramp, power, line, mean, ends, baseline, onset, beat, amplitude, delay, std, carrier, phase_std, *rest = found
         nothing = np.zeros((*line.shape, 0))
         harmonics, piles, quiets = (rest.pop(0) if wanted else nothing for _, wanted in functions)
         hardware = sum(c.delay for c in self.calibrations)
@@ -168,6 +169,7 @@ class Extractor:
             mean=mean,
             ends=ends,
             baseline=baseline,
+            transient=onset,
             harmonic=harmonics,
             piled=piles[..., 0] if harmonic else np.zeros(line.shape),
             quiet=quiets,
@@ -243,7 +245,7 @@ class Extractor:
         noise_features = (nothing,) * 3
         if not shape:
             power, lines = self.estimator.spectra(samples)
-            ramp = mean = ends = baseline = beat = amplitude = delay = nothing
+            ramp = mean = ends = baseline = onset = beat = amplitude = delay = nothing
         else:
             if noisy:
                 estimates, base = self.estimator.with_basebands(samples, full_scale)
@@ -254,13 +256,12 @@ class Extractor:
             ramp, amplitude = self._ramp(base)
             beat, delay = self._delay(lines)
             mean = self._means(samples, [w[:, None] for w in self._weights])
-            ends = np.stack(
-                [
-                    signal_ends.measured(as_complex(x.astype(np.float32), self.topology.iq), at, s.sweep)
-                    for x, at, s in zip(samples, lines, self.estimator.stations, strict=True)
-                ],
-                axis=1,
-            )
+            each = [
+                (as_complex(x.astype(np.float32), self.topology.iq), at, w, s.sweep)
+                for x, at, w, s in zip(samples, lines, self._weights, self.estimator.stations, strict=True)
+            ]
+            ends = np.stack([signal_ends.measured(x, at, sweep) for x, at, _, sweep in each], axis=1)
+            onset = np.stack([transient.measured(*of_station) for of_station in each], axis=1)
             baseline = self._means(samples, self._spans)
         stations = self.estimator.stations
         of_stations = tuple(
@@ -273,7 +274,7 @@ class Extractor:
             )
             for take in taken
         )
-        of_line = ramp, np.stack(power, axis=1), lines.T, mean, ends, baseline, beat, amplitude, delay
+        of_line = ramp, np.stack(power, axis=1), lines.T, mean, ends, baseline, onset, beat, amplitude, delay
         return (*of_line, *noise_features, *of_stations)
 
     def _means(self, samples: tuple[np.ndarray, ...], weights: Sequence[np.ndarray]) -> np.ndarray:

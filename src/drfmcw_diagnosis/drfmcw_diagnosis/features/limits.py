@@ -103,6 +103,15 @@ class SpectrumLimits:
     edge_inside: int = 16
     """Samples by which these reach into the analysis window at its end; chosen."""
 
+    shortest_transient: int = 8
+    """Samples of the first span after the signal's begin; chosen."""
+
+    transients: int = 7
+    """Spans after the signal's begin, each twice as long as the one before; chosen: half of a sweep."""
+
+    transient_turns: float = 0.75
+    """Periods of a line in a span [1], from which on its mean is known beside the line; chosen."""
+
     harmonics: tuple[int, ...] = (2, 3, 5)
     """Multiples of the line's phase at which distortion shows; chosen."""
 

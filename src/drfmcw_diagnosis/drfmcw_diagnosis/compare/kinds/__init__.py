@@ -9,7 +9,7 @@ from .kind import Kind
 from .noise import BURST, COHERENCE, NOISE
 from .path import AMPLITUDE, BEAT, MOVEMENT, RANGE, VELOCITY
 from .ramp import FLUTTER, RAMP
-from .spectrum import BASELINE, ENDS, LINES, MEAN
+from .spectrum import BASELINE, ENDS, LINES, MEAN, TRANSIENT
 
 KINDS: list[Kind] = [
     RAMP,
@@ -17,6 +17,7 @@ KINDS: list[Kind] = [
     LINES,
     MEAN,
     BASELINE,
+    TRANSIENT,
     ENDS,
     HARMONIC,
     PILED,

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from ...features import transient
 from ...features.extractor import gaussian, span_times
 from ...features.limits import SPECTRUM
 from ..groups import variance_factor
@@ -112,6 +113,42 @@ class Baseline(Kind):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Transient(Kind):
+    """Means of the samples after the signal's begin, over the line and at its phase (G, S, 2 V), real parts first."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group, of spans long enough; nothing of a station that hears itself.
+
+        Its line has one phase throughout, so that others do not average out. Nor of sweeps too few to scatter.
+        """
+        recorded, values = evidence.recorded, evidence.mean(self.name)
+        if recorded.topology.hears_itself or not recorded.scatters:
+            return values, np.full_like(values, np.inf)
+        each = [s.transient for s in recorded.sweeps]
+        variance = np.stack([x.var(axis=0, ddof=1) * variance_factor(len(x) - 1) for x in each])
+        std = np.maximum(np.sqrt(variance), SCATTER.least_transient) / evidence.roots[:, None, None]
+        line = np.stack([s.line.mean(axis=0) for s in recorded.sweeps])
+        turns = np.abs(line[..., None]) * np.tile(np.diff(_onsets(recorded))[:, 0], 2)
+        return values, np.where(turns > SPECTRUM.transient_turns, std, np.inf)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return the means of simulated sweeps."""
+        return expected.features.transient
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the time in the sweep [s]."""
+        middle = _onsets(recorded).mean(axis=1)
+        return middle, np.sum(z.reshape(-1, 2, len(middle)) ** 2, axis=(0, 1))
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return the real parts over the time in the sweep [s]."""
+        middle = _onsets(shown.recorded).mean(axis=1)
+        at = shown.group, shown.row, slice(len(middle))
+        values = (shown.residual[at], shown.std[at], shown.curve[at])
+        return Plotted(middle, *values, self.unit, at_distance(shown))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Ends(Kind):
     """Samples before the signal begins and before it ends (G, S, 2)."""
 
@@ -150,6 +187,11 @@ def _spans(recorded: RecordedSweeps) -> np.ndarray:
     return span_times(recorded.data.sweeps[0][recorded.heard[0]])
 
 
+def _onsets(recorded: RecordedSweeps) -> np.ndarray:
+    """Return when each span after the begin of the first station's signal begins and ends (V, 2) [s]."""
+    return transient.times(recorded.data.sweeps[0][recorded.heard[0]])
+
+
 def _frequencies(recorded: RecordedSweeps, bins: int) -> np.ndarray:
     """Return the frequency of each bin of a spectrum (bins,) [Hz]."""
     return np.arange(bins) * (recorded.sample_rate / 2 / (bins - 1))
@@ -182,6 +224,14 @@ BASELINE = Baseline(
     axis='ramp_time',
     label='mean of the samples over the ramp',
     unit='LSB',
+    averages=True,
+    scatter_freedom=1,
+)
+TRANSIENT = Transient(
+    name='transient',
+    level='if_samples',
+    axis='ramp_time',
+    label='what fades after the begin of the signal',
     averages=True,
     scatter_freedom=1,
 )

@@ -1,0 +1,42 @@
+"""Means of the samples after the begin of a signal, at the phase of its line."""
+
+import numpy as np
+import pytest
+
+from drfmcw_diagnosis.features import transient
+from drfmcw_node.estimators.spectral import window_samples
+from drfmcw_physics.sweep import SweepSettings
+
+RATE, COUNT = 2.048e6, 2048
+SWEEP = SweepSettings('master', 'slave')
+PHASES = np.arange(16) / 16.0  # of the line, in turns
+
+
+def means(samples, frequency):
+    """Complex means over both spans and phases (n, V) of lines that begin at sample 0."""
+    weights = window_samples('hann', *SWEEP.analysis_window(), RATE, COUNT)
+    lines = np.full(len(samples), frequency)
+    real, imaginary = np.split(transient.measured(samples, lines, weights / weights.sum(), SWEEP), 2, axis=1)
+    return real + 1j * imaginary
+
+
+@pytest.mark.parametrize('is_iq', [False, True])
+def test_a_line_leaves_nothing(is_iq):
+    turns = 3e5 / RATE * np.arange(COUNT) + PHASES[:, None]
+    line = np.exp(2j * np.pi * turns) if is_iq else np.cos(2.0 * np.pi * turns)
+    assert np.abs(means(1000.0 * line, 3e5)).max() < 1e-5
+
+
+def test_what_fades_with_the_lines_phase_is_its_mean_over_sweeps():
+    """A high-pass of pole p adds Re(a p / (p + j f)) exp(-2 pi p t) with the sign reversed to a line that begins."""
+    frequency, pole = 3e5, 1e4
+    t = np.arange(COUNT) / RATE
+    line = np.exp(2j * np.pi * (frequency * t + PHASES[:, None]))
+    share = pole / (pole + 1j * frequency)
+    fading = np.exp(-2.0 * np.pi * pole * t)
+    constant = 0.01  # of a receiver, at no phase of the line
+    samples = (line - share * np.exp(2j * np.pi * PHASES[:, None]) * fading).real + constant
+    found = means(samples, frequency).mean(axis=0)
+    for (begin, end), value in zip(np.round(transient.times(SWEEP) * RATE).astype(int), found, strict=True):
+        # half of a real line is its analytic one; beside it a fading mean is nearly its own mean
+        assert value == pytest.approx(-share * fading[begin:end].mean(), rel=0.1, abs=1e-5)
