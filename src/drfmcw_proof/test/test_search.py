@@ -1,5 +1,7 @@
 """Search for effects: what an explanation may follow, effects that nearly cancel, movement."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -272,6 +274,17 @@ def test_an_event_without_a_name_hides_no_ripple(tmp_path):
     assert {e.key[0] for e in judgement.explanation.effects} == {'sweep_ripple'}
     (found,) = judgement.explanation.effects
     assert abs(found.values['rate'] - ripple['rate']) < 5.0 * found.stds['rate']
+
+
+def test_a_sway_much_slower_than_a_group_is_no_drive(tmp_path):
+    """Within 60 ms it moves the crane evenly; but the reference, whose slope shows a drive, stands still."""
+    condition = random_condition(np.random.default_rng(48), Extent(9, 12))
+    condition = dataclasses.replace(condition, interval=6e-3, pause=64.4)
+    sway = Applied('sway', None, {'amplitude': 0.07, 'frequency': 0.79, 'phase': 0.4})
+    write_recording(conceal(nominal(condition), [sway]), tmp_path / 'r')
+    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - {'target_motion'})
+    judgement = judged(search, searched(search, 0.01), 0.01)
+    assert judgement.verdict == 'unexplained'
 
 
 def test_a_lost_sample_is_no_clock_that_is_off(tmp_path):

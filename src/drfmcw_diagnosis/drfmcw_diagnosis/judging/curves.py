@@ -6,11 +6,15 @@ crystal that jumps resembles several drifts: such an effect is in doubt.
 """
 
 import dataclasses
+import itertools
 
 import numpy as np
 from scipy import stats
 
+from drfmcw_sim.effects import ActsOn, Effect, Stated
+
 from ..compare.kinds import Kind
+from ..search.bank import Candidate, recipes
 from ..search.fitting import Fitted, Fitting, Freedom
 from ..search.path_sets import LIMITS as PATH
 from ..search.search import Search
@@ -51,8 +55,12 @@ class CurveLimits:
     clearly: float = 30.0
     """Gain by which a curve must exceed that of any effect to be set aside [1]; chosen."""
 
-    prior: float = 30.0
-    """Standard deviation of a curve's coefficients that is set aside, over those found [1]; chosen: any size."""
+    prior: float = 5.0
+    """Standard deviation of a curve's coefficients that is set aside, over those found [1]; chosen: what is far larger
+    is no part of it."""
+
+    beaten: float = 0.0
+    """By how much an effect's gain must exceed that of a step in its place, at least [1]; chosen."""
 
     least_power: float = 0.1
     """Share of a step's power that the other effects must leave of it [1]; chosen."""
@@ -174,8 +182,9 @@ def _follows(values: np.ndarray, x: np.ndarray) -> bool:
 def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
     """Return by how much each effect's gain exceeds that of the best step in its place, less what parameters cost.
 
-    Infinity for effects that show elsewhere. A step is at one value of a condition; its sizes in range and beat
-    frequency are free. How many steps are tried counts against it.
+    Infinity for effects that show elsewhere. A step is at one value of a condition: in range and beat frequency, of
+    free sizes, or of a station's clock. How many steps are tried counts against it. Two effects may imitate one step
+    together, so it is tried in the place of each two as well.
 
     Args:
         fitting: of the recording.
@@ -184,21 +193,31 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
     c, whitening = fitting.comparison, fitting.whitening
     slopes = whitening(fitting.slopes(fitted))
     rest = whitening(c.residual - fitted.template)
-    kinds = [k for k in c.kinds if k.name in PATH.kinds]
-    of_path = np.concatenate([c.rows(kind) for kind in kinds])
+    of_path = np.concatenate([c.rows(kind) for kind in c.kinds if kind.name in PATH.kinds])
     tried = _steps(fitting)
-    found = []
-    for number, own in enumerate(fitted.spans):
-        others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
+    found = [np.inf] * len(fitted.effects)
+    if not len(tried):
+        return found
+    steps = _templates(fitting, tried)
+
+    def beyond(numbers: tuple[int, ...]) -> float:
+        others = [e.build() for i, e in enumerate(fitted.effects) if i not in numbers]
         added = whitening(fitted.template - (c.template(others) if others else 0.0))
-        if not len(tried) or float(np.sum(added[of_path] ** 2)) < LIMITS.by_path * float(added @ added):
-            found.append(np.inf)
-            continue
+        of_clock = all(fitted.effects[i].candidate.kind.acts_on is ActsOn.CLOCK for i in numbers)
+        if not of_clock and float(np.sum(added[of_path] ** 2)) < LIMITS.by_path * float(added @ added):
+            return np.inf
+        own = np.r_[tuple(fitted.spans[i] for i in numbers)]
         beside = Freedom(np.delete(slopes, own, axis=0))
         unexplained = beside.left(rest + added)
-        gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * (own.stop - own.start)
-        steps = _best(fitting, kinds, tried, unexplained, beside) - 2.0 * np.log(len(tried))
-        found.append(gain - steps)
+        gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * len(own)
+        return gain - (_best(steps, unexplained, beside) - 2.0 * np.log(len(tried)))
+
+    for number in range(len(found)):
+        found[number] = beyond((number,))
+    for pair in itertools.combinations(np.flatnonzero(np.isfinite(found)).tolist(), 2):
+        together = beyond(pair)
+        for number in pair:
+            found[number] = min(found[number], together)
     return found
 
 
@@ -208,24 +227,37 @@ def _steps(fitting: Fitting) -> np.ndarray:
     return np.array(sorted(found), float).reshape(len(found), len(fitting.comparison.members))
 
 
-def _best(fitting: Fitting, kinds: list[Kind], tried: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:
-    """Return the largest gain of a step in one kind of number or in both, less what its parameters cost."""
+def _templates(fitting: Fitting, tried: np.ndarray) -> np.ndarray:
+    """Return steps (M, G), whitened (J, M, n): of range and beat frequency each by itself, then of each clock."""
     c = fitting.comparison
-    templates = np.zeros((len(kinds), len(tried), len(unexplained)))
-    for template, kind in zip(templates, kinds, strict=True):
-        rows = c.rows(kind)
-        template[:, rows] = tried[:, c.entries.group[rows]] / np.asarray(c.std[kind.name]).ravel()
-    whole = fitting.whitening(templates)
-    own = beside.left(whole)
+    alike = np.zeros((0, len(c.residual)))
+    for kind in (k for k in c.kinds if k.name in PATH.kinds):
+        own = np.zeros((1, len(c.residual)))
+        own[0, c.rows(kind)] = 1.0 / np.asarray(c.std[kind.name]).ravel()
+        alike = np.concatenate([alike, own])
+    for effect, recipe in recipes():
+        if Effect.registry[effect].error_of is Stated.CLOCK:
+            clocks = [Candidate(effect, station, recipe, dict(recipe.start)) for station in c.data.stations]
+            alike = np.concatenate([alike, [c.template((clock.build(),)) for clock in clocks]])
+    return fitting.whitening(tried[:, c.entries.group] * alike[:, None])
+
+
+def _best(steps: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:
+    """Return the largest gain of a step of one kind, or in range and beat frequency, less what its parameters cost.
+
+    Args:
+        steps: whitened (J, M, n), see `_templates`.
+        unexplained: by the other effects, whitened (n,).
+        beside: freedom of the other effects.
+    """
+    own = beside.left(steps)
     power = np.einsum('kmn,kmn->km', own, own)
-    seen = power > LIMITS.least_power * np.einsum('kmn,kmn->km', whole, whole)
+    seen = power > LIMITS.least_power * np.einsum('kmn,kmn->km', steps, steps)
     along = np.where(seen, own @ unexplained, 0.0)
-    alone = along**2 / np.maximum(power, 1e-30)  # (kinds, M)
+    alone = along**2 / np.maximum(power, 1e-30)  # (J, M)
     # the step's place and its size in each kind
     single = float(alone.max()) - 2.0 * LIMITS.parameter
-    if len(kinds) < 2:
-        return single
     cross = np.einsum('mn,mn->m', own[0], own[1])
     determinant = np.maximum(power[0] * power[1] - cross**2, 1e-9 * power[0] * power[1] + 1e-30)
     both = (power[1] * along[0] ** 2 - 2.0 * cross * along[0] * along[1] + power[0] * along[1] ** 2) / determinant
-    return max(single, float(np.where(seen.all(axis=0), both, 0.0).max()) - 3.0 * LIMITS.parameter)
+    return max(single, float(np.where(seen[:2].all(axis=0), both, 0.0).max()) - 3.0 * LIMITS.parameter)

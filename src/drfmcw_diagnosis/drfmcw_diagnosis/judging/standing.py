@@ -39,6 +39,7 @@ from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
 from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
 from ..search.leftovers import Leftover, leftovers
+from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
 from .steadiness import LIMITS as STEADINESS
 from .steadiness import odds_of_one_size
@@ -51,7 +52,7 @@ class StandingLimits:
     over_groups: float = 0.1  # mean squared relative difference of its size from group to group, beyond noise [1]
     over_kinds: float = 0.2  # the same from kind to kind [1]
     visible: float = 50.0  # power of an effect in a group from which on it must be seen there (7 sigma) [1]
-    smallest: float = 0.25  # its size in such a group over that in all, at least [1]
+    smallest: float = 0.25  # its size in such a group, or exact kind of number, over that in all, at least [1]
     predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
     left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
@@ -134,7 +135,7 @@ class Standing:
     @property
     def is_event(self) -> bool:
         """True where a step or a bump within the sweep, or a step over a condition, explains more than the effect."""
-        return min(self.beyond_event, self.beyond_step) < EVENTS.beaten
+        return self.beyond_event < EVENTS.beaten or self.beyond_step < CURVES.beaten
 
     @property
     def is_noise(self) -> bool:
@@ -154,6 +155,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     derivatives = fitting.slopes(fitted)
     slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
+    exact = np.concatenate([fitting.comparison.rows(kind) for kind in fitting.comparison.kinds if kind.exact])
     least = np.full(len(slopes), LIMITS.determined)
     for effect, own in zip(fitted.effects, fitted.spans, strict=True):
         if effect.candidate.recipe.per_group:
@@ -174,14 +176,17 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
         alone = fitted.template - (fitting.comparison.template(others) if others else 0.0)
         added, measured = whitening(alone), as_measured(alone)
-        anywhere = _largest_share(added, groups) < LIMITS.alone
-        # sizes of single groups cannot predict each other
-        by_group = anywhere and not fitted.effects[number].candidate.recipe.per_group
+        per_group = fitted.effects[number].candidate.recipe.per_group
+        # sizes of single groups can neither predict nor confirm each other
+        anywhere = by_group = _largest_share(added, groups) < LIMITS.alone and not per_group
         without = changes['group' if by_group else 'kind']
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
-        testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
+        if per_group:  # the phase shows a movement far better than all else, but any other drift of a delay as well
+            testable = _beside_largest(added, kinds) > LIMITS.visible
+        else:
+            testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
@@ -195,7 +200,10 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 standing,
                 over_groups=standing.over_groups - doubt,
                 over_kinds=standing.over_kinds - doubt,
-                smallest=_smallest_size(rest, added, groups) if by_group and not bursts else 1.0,
+                smallest=min(
+                    _smallest_size(rest, added, groups) if by_group and not bursts else 1.0,
+                    _smallest_size(rest[exact], added[exact], kinds[exact]),
+                ),
                 certain=_certainty(fitted.effects[number]),
                 left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
@@ -375,6 +383,12 @@ def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:
     """Return the share of an effect's power that lies in the part which shows it best."""
     by_part = np.bincount(parts, added**2)
     return float(by_part.max() / max(by_part.sum(), 1e-30))
+
+
+def _beside_largest(added: np.ndarray, parts: np.ndarray) -> float:
+    """Return an effect's power beside the part which shows it best."""
+    by_part = np.bincount(parts, added**2)
+    return float(by_part.sum() - by_part.max())
 
 
 def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least: np.ndarray) -> np.ndarray:

@@ -188,15 +188,17 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        beyond = [*events.beyond_events(search, fitted), *curves.beyond_steps(search, fitted)]
-        as_event = min(beyond) < events.LIMITS.beaten
+        as_event = min(events.beyond_events(search, fitted)) < events.LIMITS.beaten
+        as_step = min(curves.beyond_steps(search, fitted)) < curves.LIMITS.beaten
         as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
         as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
-        return not (as_event or as_noise or as_curve)
+        return not (as_event or as_step or as_noise or as_curve)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     residual = search.comparison.residual
     explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
     small = sum(x.at_least(x.excess) for x in left) < min(LIMITS.adequate * explained, LIMITS.largest)
+    exact = {kind.name for kind in search.comparison.kinds if kind.exact}
+    small = small and not any(x.kind in exact for x in left)
     if of_codes or not (small or all(_is_adequate(search, fitted, x) for x in left)):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)

@@ -75,3 +75,22 @@ def test_a_curve_that_no_effect_describes_is_set_aside(data):
     comparison.residual = comparison.template([Effect.registry['reference_offset'](offset=0.05)])
     search = Search(comparison)
     assert len(left(search, None, search.whitening)) == 0
+
+
+def test_a_clock_that_jumps_is_no_drift_beside_another(data):
+    """Two effects of a clock follow a jump better than each does alone; one clock's step takes the place of both."""
+    comparison = Comparison(data)
+    registry = Effect.registry
+    board = conditions(Fitting(comparison))['board 1']
+    jump = comparison.template([registry['reference_clock_offset'](deviation=0.3, station='slave')])
+    comparison.residual = jump * (board > np.median(board))[comparison.entries.group]
+    fitting = Fitting(comparison)
+    starts = [('reference_clock_offset', {'deviation': 0.2}), ('reference_clock_temperature', {'slope': 0.02})]
+    points = [Candidate(name, 'slave', registry[name].recipes[0], start) for name, start in starts]
+    found = fitting.fit([(point, point.values) for point in points])
+    assert found.misfit < 0.6 * fitting.misfit(0.0)
+    assert max(beyond_steps(fitting, found)) < -10.0
+    comparison.residual = comparison.template([point.build({**point.values}) for point in points])
+    fitting = Fitting(comparison)
+    found = fitting.fit([(point, point.values) for point in points])
+    assert min(beyond_steps(fitting, found)) > 25.0

@@ -115,6 +115,12 @@ def test_what_every_distance_has_of_its_own_is_confirmed_by_several_kinds_of_num
     start = {f'velocity[{group}]': 0.5 * v for group, v in enumerate(velocity)}
     (standing,) = standings(fitting, fitted(fitting, 'target_motion', '', **start))
     assert standing.stands and standing.predicted == pytest.approx(1.0, abs=0.05)
+    # the phase alone shows a crane that creeps, and any other drift of a delay
+    creeping = tuple(5e-4 * v for v in velocity)
+    fitting = concealed(comparison, Effect.registry['target_motion'](velocity=creeping))
+    start = {f'velocity[{group}]': 0.5 * v for group, v in enumerate(creeping)}
+    (standing,) = standings(fitting, fitted(fitting, 'target_motion', '', **start))
+    assert standing.gain > 1000.0 and not standing.testable
 
 
 def test_phase_noise_takes_power_from_the_line(data):

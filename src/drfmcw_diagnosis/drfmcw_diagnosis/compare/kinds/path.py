@@ -236,6 +236,7 @@ VELOCITY = Velocity(
     label='slope of the reference',
     unit='m/s',
     averages=True,
+    exact=True,
     needs_conditions=True,
 )
 MOVEMENT = Movement(name='movement', level='range', axis='time', label='movement within a group of sweeps', unit='m')
