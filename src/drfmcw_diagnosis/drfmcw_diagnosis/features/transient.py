@@ -32,15 +32,33 @@ def measured(samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sw
     cycles = frequency / sweep.sample_rate
     turn = phasor(-cycles[:, None] * np.arange(samples.shape[1]))
     line = np.einsum('ij,j,ij->i', samples, weights.astype(np.float32), turn)
-    is_real = not np.iscomplexobj(samples)
+    spans = np.round(times(sweep) * sweep.sample_rate).astype(int)
+    used = spans[:, 1] - spans[:, 0] >= SPECTRUM.shortest_transient
+    first, last = spans[used].min(), spans[used].max()
+    starts = spans[used, 0] - first
+    about = samples[:, first:last]
+    mean = np.add.reduceat(about, starts, axis=1, dtype=complex)
+    at_line = np.add.reduceat(about * turn[:, first:last], starts, axis=1, dtype=complex)
+    length = np.diff(spans[used])[:, 0].astype(float)
+    once, twice = (_sum_of_phasor(k * cycles[:, None], *spans[used].T) for k in (1.0, 2.0))
+    squares = np.empty((*mean.shape, 3, 3), complex)  # of a constant, the line and its mirror
+    squares[..., np.arange(3), np.arange(3)] = length[:, None]
+    squares[..., 0, 1] = squares[..., 2, 0] = once
+    squares[..., 0, 2] = squares[..., 1, 0] = once.conj()
+    squares[..., 1, 2], squares[..., 2, 1] = twice.conj(), twice
+    sums = np.stack([mean, at_line, at_line.conj()], axis=-1)
+    if np.iscomplexobj(samples):  # without a mirror
+        squares, sums = squares[..., :2, :2], sums[..., :2]
     found = np.zeros((len(samples), SPECTRUM.transients), complex)
-    for span, (begin, end) in enumerate(np.round(times(sweep) * sweep.sample_rate).astype(int)):
-        if end - begin < SPECTRUM.shortest_transient:
-            continue
-        x, t = samples[:, begin:end].astype(np.complex128), turn[:, begin:end].astype(np.complex128)
-        basis = np.stack([np.ones_like(t), t.conj(), *([t] if is_real else [])], axis=1)  # (n, 2 or 3, span)
-        squares = np.einsum('ikj,ilj->ikl', basis.conj(), basis)
-        overlap = np.einsum('ikj,ij->ik', basis.conj(), x)
-        mean = np.linalg.solve(squares, overlap[..., None])[:, 0, 0]
-        found[:, span] = (mean.real if is_real else mean) / np.where(np.abs(line) > 0.0, line, np.inf)
+    found[:, used] = np.linalg.solve(squares, sums[..., None])[..., 0, 0]
+    found /= np.where(np.abs(line) > 0.0, line, np.inf)[:, None]
     return np.concatenate([found.real, found.imag], axis=1)
+
+
+def _sum_of_phasor(cycles: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the sums of exp(2j pi cycles t) over the samples t from `begin` to before `end`: a geometric series."""
+    half = np.sin(np.pi * cycles)
+    ratio = np.where(
+        np.abs(half) > 1e-12, np.sin(np.pi * cycles * (end - begin)) / np.where(half == 0.0, 1.0, half), end - begin
+    )
+    return ratio * np.exp(1j * np.pi * cycles * (begin + end - 1))
