@@ -178,7 +178,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         added, measured = whitening(alone), as_measured(alone)
         per_group = fitted.effects[number].candidate.recipe.per_group
         # sizes of single groups can neither predict nor confirm each other
-        anywhere = by_group = _largest_share(added, groups) < LIMITS.alone and not per_group
+        by_group = _largest_share(added, groups) < LIMITS.alone and not per_group
         without = changes['group' if by_group else 'kind']
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
@@ -186,7 +186,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         if per_group:  # the phase shows a movement far better than all else, but any other drift of a delay as well
             testable = _beside_largest(added, kinds) > LIMITS.visible
         else:
-            testable = anywhere or _largest_share(added, kinds) < LIMITS.alone
+            testable = by_group or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
