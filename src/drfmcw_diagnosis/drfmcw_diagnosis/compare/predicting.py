@@ -21,12 +21,12 @@ from .simulated_sweeps import SimulatedSweeps
 _BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follow the distance
 
 
-def follows_distance(effect: Effect) -> bool:
+def follows_distance(effect: Effect | type[Effect]) -> bool:
     """Return whether what an effect adds may follow the true distance to a part of the carrier's wavelength."""
     return ActsOn.DELAY in effect.acts_on and effect.stage in _BY_DISTANCE and not displaces(effect)
 
 
-def displaces(effect: Effect) -> bool:
+def displaces(effect: Effect | type[Effect]) -> bool:
     """Return whether the crane stands elsewhere than the reference says if an effect acts."""
     return effect.motion is not Motion.NONE or ActsOn.REFERENCE in effect.acts_on
 

@@ -109,7 +109,7 @@ class SpectrumLimits:
     transients: int = 7
     """Spans after the signal's begin, each twice as long as the one before; chosen: half of a sweep."""
 
-    transient_turns: float = 0.75
+    transient_turns: float = 1.0
     """Periods of a line in a span [1], from which on its mean is known beside the line; chosen."""
 
     harmonics: tuple[int, ...] = (2, 3, 5)

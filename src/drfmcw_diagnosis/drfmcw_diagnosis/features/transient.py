@@ -19,9 +19,10 @@ def times(sweep: SweepSettings) -> np.ndarray:
 def measured(samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sweep: SweepSettings) -> np.ndarray:
     """Return means of the samples in spans of the sweep over the line (n, 2 V): real, then imaginary parts.
 
-    Each is the mean beside a line of any amplitude and phase in its span, by least squares: the line itself, and what
-    the ramp does to it, leave nothing. It counts at the phase with which the line begins, so that what is added to the
-    samples, or begins at a phase of its own, has no mean over sweeps. 0 of a span outside of the window.
+    Each is the mean beside a line of any amplitude, phase and frequency near its own in its span, by least squares: the
+    line itself, and what the ramp does to it, leave hardly anything. It counts at the phase with which the line begins,
+    so that what is added to the samples, or begins at a phase of its own, has no mean over sweeps. 0 of a span outside
+    of the window.
 
     Args:
         samples: of a station (n, N), real or complex [LSB].
@@ -39,26 +40,51 @@ def measured(samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sw
     about = samples[:, first:last]
     mean = np.add.reduceat(about, starts, axis=1, dtype=complex)
     at_line = np.add.reduceat(about * turn[:, first:last], starts, axis=1, dtype=complex)
-    length = np.diff(spans[used])[:, 0].astype(float)
-    once, twice = (_sum_of_phasor(k * cycles[:, None], *spans[used].T) for k in (1.0, 2.0))
-    squares = np.empty((*mean.shape, 3, 3), complex)  # of a constant, the line and its mirror
-    squares[..., np.arange(3), np.arange(3)] = length[:, None]
-    squares[..., 0, 1] = squares[..., 2, 0] = once
-    squares[..., 0, 2] = squares[..., 1, 0] = once.conj()
-    squares[..., 1, 2], squares[..., 2, 1] = twice.conj(), twice
-    sums = np.stack([mean, at_line, at_line.conj()], axis=-1)
+    length = np.diff(spans[used])[:, 0]
+    place = np.concatenate([(np.arange(count) - 0.5 * (count - 1)) / count for count in length])  # in its span
+    moment = np.add.reduceat(about * turn[:, first:last] * place, starts, axis=1, dtype=complex)
+    squares = _products(cycles[:, None], spans[used, 0] + 0.5 * (length - 1), length.astype(float))
+    sums = np.stack([mean, at_line, at_line.conj(), moment, moment.conj()], axis=-1)
     if np.iscomplexobj(samples):  # without a mirror
-        squares, sums = squares[..., :2, :2], sums[..., :2]
+        kept = [0, 1, 3]
+        squares, sums = squares[..., kept, :][..., kept], sums[..., kept]
     found = np.zeros((len(samples), SPECTRUM.transients), complex)
     found[:, used] = np.linalg.solve(squares, sums[..., None])[..., 0, 0]
     found /= np.where(np.abs(line) > 0.0, line, np.inf)[:, None]
     return np.concatenate([found.real, found.imag], axis=1)
 
 
-def _sum_of_phasor(cycles: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the sums of exp(2j pi cycles t) over the samples t from `begin` to before `end`: a geometric series."""
-    half = np.sin(np.pi * cycles)
-    ratio = np.where(
-        np.abs(half) > 1e-12, np.sin(np.pi * cycles * (end - begin)) / np.where(half == 0.0, 1.0, half), end - begin
-    )
-    return ratio * np.exp(1j * np.pi * cycles * (begin + end - 1))
+def _products(cycles: np.ndarray, middle: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Return the products of 1, e, e*, u e and u e* over spans (n, V, 5, 5).
+
+    With e = exp(2j pi cycles t), and u from -1/2 to 1/2 over a span.
+
+    Args:
+        cycles: of a line per sample (n, 1).
+        middle: of each span (V,) [samples].
+        length: of each span (V,) [samples].
+    """
+    (line, moved, _), (twice, twice_moved, spread) = (_sums(k * cycles, middle, length) for k in (1.0, 2.0))
+    result = np.zeros((*line.shape, 5, 5), complex)
+    for i, j, value in (
+        (0, 1, line), (0, 2, line.conj()), (0, 3, moved), (0, 4, moved.conj()), (1, 2, twice.conj()),
+        (1, 4, twice_moved.conj()), (2, 3, twice_moved), (3, 4, spread.conj()),
+    ):  # fmt: skip
+        result[..., i, j], result[..., j, i] = value, value.conj()
+    for i in range(5):
+        result[..., i, i] = length if i < 3 else (length**2 - 1.0) / (12.0 * length)
+    return result
+
+
+def _sums(cycles: np.ndarray, middle: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sums of e, u e and u^2 e over spans (n, V): a geometric series, and its derivatives by the angle."""
+    angle = 2.0 * np.pi * cycles
+    a, b = 0.5 * length, 0.5
+    over, below = np.sin(a * angle), np.sin(b * angle)
+    below = np.where(np.abs(below) > 1e-9, below, 1e-9)
+    over_1, below_1 = a * np.cos(a * angle), b * np.cos(b * angle)
+    once = over_1 * below - over * below_1
+    first = once / below**2
+    second = (b**2 - a**2) * over / below - 2.0 * below_1 * once / below**3
+    turned = np.exp(1j * angle * middle)
+    return turned * over / below, -1j * turned * first / length, -turned * second / length**2

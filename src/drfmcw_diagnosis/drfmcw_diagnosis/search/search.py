@@ -11,6 +11,7 @@ from scipy import stats
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.comparison import Comparison
+from ..compare.predicting import follows_distance
 from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of
 from .limits import SEARCH
@@ -137,7 +138,7 @@ class Search(Fitting):
 
         place = tuple(repr(effect) for effect in self._place[0])
         keys = [
-            (c.effect, c.station, tuple(sorted(values.items())), place if c.recipe.fringes else ())
+            (c.effect, c.station, tuple(sorted(values.items())), place if follows_distance(c.kind) else ())
             for c, values in wanted
         ]
         missing = {key: w for key, w in zip(keys, wanted, strict=True) if key not in self._kept}

@@ -40,3 +40,10 @@ def test_what_fades_with_the_lines_phase_is_its_mean_over_sweeps():
     for (begin, end), value in zip(np.round(transient.times(SWEEP) * RATE).astype(int), found, strict=True):
         # half of a real line is its analytic one; beside it a fading mean is nearly its own mean
         assert value == pytest.approx(-share * fading[begin:end].mean(), rel=0.1, abs=1e-5)
+
+
+def test_a_bent_ramp_leaves_hardly_anything():
+    """A line whose frequency changes by 2 kHz over the sweep turns by half a period beside one of its mean."""
+    t = np.arange(COUNT) / RATE
+    turns = 3e5 * t + 1e6 * ((t - 5e-4) ** 2 - 2.5e-7) + PHASES[:, None]
+    assert np.abs(means(np.cos(2.0 * np.pi * turns), 3e5).mean(axis=0)).max() < 5e-4
