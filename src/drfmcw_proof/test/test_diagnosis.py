@@ -255,7 +255,6 @@ def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)  # on a machine half as fast it takes three minutes
 def test_a_high_pass_shows_where_lines_begin(tmp_path):
     """Its transients have a random phase from sweep to sweep: only at the line's phase they add up."""
     path = recorded(tmp_path / 'r', 31, Applied('ac_coupling', 'slave', {'pole': 6e3}))
@@ -268,6 +267,8 @@ def test_a_high_pass_shows_where_lines_begin(tmp_path):
     assert pole.std < 1e3
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # on a machine half as fast it takes three minutes
 def test_what_is_not_in_the_registry_is_described_and_not_named(tmp_path):
     """A stuck bit of the ADC: a mismatch far beyond chance, and no effect claimed."""
     path = recorded(tmp_path / 'stuck', 23, Applied('stuck_bit', 'master', {'bit': 4, 'value': 1}))
