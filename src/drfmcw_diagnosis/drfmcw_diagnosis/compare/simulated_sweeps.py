@@ -25,7 +25,6 @@ class SimulatedSweeps:
     def __init__(self, recorded: RecordedSweeps) -> None:
         """Remember the recorded sweeps, whose jitter simulated ones have."""
         self._recorded = recorded
-        self._receivers = [recorded.data.stations[i] for i in recorded.heard]
 
     def mean(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group; harmonics only where an effect makes some.
@@ -77,11 +76,14 @@ class SimulatedSweeps:
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
         distorting = any(effect.distorts for effect in effects)
         swaying = any(effect.motion is Motion.SWAY for effect in effects)
-        received = [e for e in effects if ActsOn.SAMPLES in e.acts_on and e.station in ('', *self._receivers)]
+        heard = ('', *self._recorded.topology.receivers)
+        received = [e for e in effects if ActsOn.SAMPLES in e.acts_on and e.station in heard]
         added = any(effect.stage <= Stage.FILTER for effect in received)
         way = self.way(part, effects)
         copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
-        turns = 1.0 if added or distorting else 0.5  # of leakage and even harmonics half a turn leaves the mean
+        turns = (
+            1.0 if added or distorting else 0.5
+        )  # half a turn leaves the mean of leakage, transients and even harmonics
         each, moved = self.copies(part, effects, copies, swaying, not effects, turns, way)
         features = _mean(each, copies)
         if np.any(moved):

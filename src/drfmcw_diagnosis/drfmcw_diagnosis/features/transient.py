@@ -38,11 +38,10 @@ def measured(samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sw
     first, last = spans[used].min(), spans[used].max()
     starts = spans[used, 0] - first
     about = samples[:, first:last]
-    mean = np.add.reduceat(about, starts, axis=1, dtype=complex)
-    at_line = np.add.reduceat(about * turn[:, first:last], starts, axis=1, dtype=complex)
+    turned = about * turn[:, first:last]
     length = np.diff(spans[used])[:, 0]
     place = np.concatenate([(np.arange(count) - 0.5 * (count - 1)) / count for count in length])  # in its span
-    moment = np.add.reduceat(about * turn[:, first:last] * place, starts, axis=1, dtype=complex)
+    mean, at_line, moment = (np.add.reduceat(x, starts, axis=1, dtype=complex) for x in (about, turned, turned * place))
     squares = _products(cycles[:, None], spans[used, 0] + 0.5 * (length - 1), length.astype(float))
     sums = np.stack([mean, at_line, at_line.conj(), moment, moment.conj()], axis=-1)
     if np.iscomplexobj(samples):  # without a mirror

@@ -196,28 +196,30 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
     of_path = np.concatenate([c.rows(kind) for kind in c.kinds if kind.name in PATH.kinds])
     tried = _steps(fitting)
     found = [np.inf] * len(fitted.effects)
-    if not len(tried):
-        return found
-    steps = _templates(fitting, tried)
 
-    def beyond(numbers: tuple[int, ...]) -> float:
+    def added_by(numbers: tuple[int, ...]) -> np.ndarray | None:
+        """Return what effects add, whitened (n,); None where they show elsewhere than a step does."""
         others = [e.build() for i, e in enumerate(fitted.effects) if i not in numbers]
         added = whitening(fitted.template - (c.template(others) if others else 0.0))
         of_clock = all(fitted.effects[i].candidate.kind.acts_on is ActsOn.CLOCK for i in numbers)
-        if not of_clock and float(np.sum(added[of_path] ** 2)) < LIMITS.by_path * float(added @ added):
-            return np.inf
+        by_path = float(np.sum(added[of_path] ** 2)) >= LIMITS.by_path * float(added @ added)
+        return added if of_clock or by_path else None
+
+    singly = [(i,) for i in range(len(found)) if added_by((i,)) is not None]
+    if not singly or not len(tried):
+        return found
+    steps = _templates(fitting, tried)
+    for numbers in (*singly, *((i, j) for (i,), (j,) in itertools.combinations(singly, 2))):
+        added = added_by(numbers)
+        if added is None:
+            continue
         own = np.r_[tuple(fitted.spans[i] for i in numbers)]
         beside = Freedom(np.delete(slopes, own, axis=0))
         unexplained = beside.left(rest + added)
         gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * len(own)
-        return gain - (_best(steps, unexplained, beside) - 2.0 * np.log(len(tried)))
-
-    for number in range(len(found)):
-        found[number] = beyond((number,))
-    for pair in itertools.combinations(np.flatnonzero(np.isfinite(found)).tolist(), 2):
-        together = beyond(pair)
-        for number in pair:
-            found[number] = min(found[number], together)
+        beyond = gain - (_best(steps, unexplained, beside) - 2.0 * np.log(len(tried)))
+        for number in numbers:
+            found[number] = min(found[number], beyond)
     return found
 
 
@@ -230,16 +232,16 @@ def _steps(fitting: Fitting) -> np.ndarray:
 def _templates(fitting: Fitting, tried: np.ndarray) -> np.ndarray:
     """Return steps (M, G), whitened (J, M, n): of range and beat frequency each by itself, then of each clock."""
     c = fitting.comparison
-    alike = np.zeros((0, len(c.residual)))
+    alike = []
     for kind in (k for k in c.kinds if k.name in PATH.kinds):
-        own = np.zeros((1, len(c.residual)))
-        own[0, c.rows(kind)] = 1.0 / np.asarray(c.std[kind.name]).ravel()
-        alike = np.concatenate([alike, own])
+        own = np.zeros(len(c.residual))
+        own[c.rows(kind)] = 1.0 / np.asarray(c.std[kind.name]).ravel()
+        alike.append(own)
     for effect, recipe in recipes():
         if Effect.registry[effect].error_of is Stated.CLOCK:
-            clocks = [Candidate(effect, station, recipe, dict(recipe.start)) for station in c.data.stations]
-            alike = np.concatenate([alike, [c.template((clock.build(),)) for clock in clocks]])
-    return fitting.whitening(tried[:, c.entries.group] * alike[:, None])
+            clocks = (Candidate(effect, station, recipe, dict(recipe.start)) for station in c.data.stations)
+            alike += [c.template((clock.build(),)) for clock in clocks]
+    return fitting.whitening(tried[:, c.entries.group] * np.array(alike)[:, None])
 
 
 def _best(steps: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:

@@ -184,7 +184,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
         if per_group:  # the phase shows a movement far better than all else, but any other drift of a delay as well
-            testable = _beside_largest(added, kinds) > LIMITS.visible
+            testable = (1.0 - _largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
         else:
             testable = by_group or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
@@ -383,12 +383,6 @@ def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:
     """Return the share of an effect's power that lies in the part which shows it best."""
     by_part = np.bincount(parts, added**2)
     return float(by_part.max() / max(by_part.sum(), 1e-30))
-
-
-def _beside_largest(added: np.ndarray, parts: np.ndarray) -> float:
-    """Return an effect's power beside the part which shows it best."""
-    by_part = np.bincount(parts, added**2)
-    return float(by_part.sum() - by_part.max())
 
 
 def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least: np.ndarray) -> np.ndarray:

@@ -196,9 +196,9 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     residual = search.comparison.residual
     explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
-    small = sum(x.at_least(x.excess) for x in left) < min(LIMITS.adequate * explained, LIMITS.largest)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}
-    small = small and not any(x.kind in exact for x in left)
+    excess = sum(x.at_least(x.excess) for x in left)
+    small = excess < min(LIMITS.adequate * explained, LIMITS.largest) and not any(x.kind in exact for x in left)
     if of_codes or not (small or all(_is_adequate(search, fitted, x) for x in left)):
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)

@@ -137,17 +137,13 @@ def realise(plan: Plan) -> Case:
             effect, size = scaled(plan.condition, wanted.template, wanted.d, effects)
         effects.append(effect)
         sizes.append(size)
-    alone = [_total(plan.condition, e, [], effects[:i], sizes[i]) for i, e in enumerate(effects)]
-    beside = [_total(plan.condition, e, [o for o in effects if o is not e], effects[:i], sizes[i])
-              for i, e in enumerate(effects)]  # fmt: skip
+    totals = [size.total for size in sizes]  # of the first one that by itself, of the last one that beside all others
+    alone = totals[:1] + [matched_size(plan.condition, [effect]).total for effect in effects[1:]]
+    beside = [
+        matched_size(plan.condition, [effect], effects[:i] + effects[i + 1 :]).total
+        for i, effect in enumerate(effects[:-1])
+    ] + totals[-1:]
     return Case(_possible(plan, effects), tuple(effects), tuple(sizes), tuple(alone), tuple(beside))
-
-
-def _total(
-    condition: Condition, effect: Applied, there: Sequence[Applied], earlier: Sequence[Applied], known: MatchedSize
-) -> float:
-    """Return d of an effect beside those that are there; `known` is its size beside the earlier ones."""
-    return (known if list(there) == list(earlier) else matched_size(condition, [effect], there)).total
 
 
 def _possible(plan: Plan, effects: Sequence[Applied]) -> Plan:

@@ -1,9 +1,12 @@
 """What else is in the IF: narrow lines, the mean of the samples over the sweep, and when the signal begins and ends."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+
+from drfmcw_physics.sweep import SweepSettings
 
 from ...features import transient
 from ...features.extractor import gaussian, span_times
@@ -81,15 +84,41 @@ class Mean(Kind):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Baseline(Kind):
+class _InSpans(Kind):
+    """Numbers in V spans of the sweep (G, S, 2 V) or (G, S, V): those of one part of the samples after the other's."""
+
+    times: Callable[[SweepSettings], np.ndarray]  # when the spans of a sweep begin and end (V, 2) [s]
+
+    def _spans(self, recorded: RecordedSweeps) -> np.ndarray:
+        """Return when each span of the first station's sweep begins and ends (V, 2) [s]."""
+        return self.times(recorded.data.sweeps[0][recorded.heard[0]])
+
+    def _turns(self, recorded: RecordedSweeps, parts: int) -> np.ndarray:
+        """Return how many periods each line has in each span, of so many parts (G, S, V parts)."""
+        line = np.stack([s.line.mean(axis=0) for s in recorded.sweeps])
+        return line[..., None] * np.tile(np.diff(self._spans(recorded))[:, 0], parts)
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the time in the sweep [s]."""
+        middle = self._spans(recorded).mean(axis=1)
+        return middle, np.sum(z.reshape(-1, len(middle)) ** 2, axis=0)
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return the numbers of the first part, I or real, over the time in the sweep [s]."""
+        middle = self._spans(shown.recorded).mean(axis=1)
+        at = shown.group, shown.row, slice(len(middle))
+        values = (shown.residual[at], shown.std[at], shown.curve[at])
+        return Plotted(middle, *values, self.unit, at_distance(shown))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Baseline(_InSpans):
     """Means of the samples in spans of the sweep less the mean of these (G, S, Q V) [LSB]."""
 
     def measured(self, evidence: Evidence) -> Measured:
         """Return the mean over each group, of stations whose line the spans' windows keep out."""
         values, std = _averaged(evidence, self.name)
-        recorded = evidence.recorded
-        line = np.stack([s.line.mean(axis=0) for s in recorded.sweeps])
-        turns = line[..., None] * np.tile(np.diff(_spans(recorded))[:, 0], recorded.topology.parts)
+        turns = self._turns(evidence.recorded, evidence.recorded.topology.parts)
         return values, np.where(turns > SPECTRUM.kept_out, std, np.inf)
 
     def predicted(self, expected: Expected) -> np.ndarray:
@@ -98,22 +127,9 @@ class Baseline(Kind):
             return np.zeros(expected.features.baseline.shape)
         return expected.features.baseline - expected.plain.features.baseline
 
-    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return squares over the time in the sweep [s]."""
-        middle = _spans(recorded).mean(axis=1)
-        squares = np.sum(z.reshape(-1, recorded.topology.parts, len(middle)) ** 2, axis=(0, 1))
-        return middle, squares
-
-    def plotted(self, shown: Shown) -> Plotted:
-        """Return the means over the time in the sweep, of I alone [s]."""
-        middle = _spans(shown.recorded).mean(axis=1)
-        at = shown.group, shown.row, slice(len(middle))
-        values = (shown.residual[at], shown.std[at], shown.curve[at])
-        return Plotted(middle, *values, self.unit, at_distance(shown))
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Transient(Kind):
+class Transient(_InSpans):
     """Means of the samples after the signal's begin, over the line and at its phase (G, S, 2 V), real parts first."""
 
     def measured(self, evidence: Evidence) -> Measured:
@@ -124,28 +140,12 @@ class Transient(Kind):
         recorded, values = evidence.recorded, evidence.mean(self.name)
         if recorded.topology.hears_itself or not recorded.scatters:
             return values, np.full_like(values, np.inf)
-        each = [s.transient for s in recorded.sweeps]
-        variance = np.stack([x.var(axis=0, ddof=1) * variance_factor(len(x) - 1) for x in each])
-        std = np.maximum(np.sqrt(variance), SCATTER.least_transient) / evidence.roots[:, None, None]
-        line = np.stack([s.line.mean(axis=0) for s in recorded.sweeps])
-        turns = np.abs(line[..., None]) * np.tile(np.diff(_onsets(recorded))[:, 0], 2)
-        return values, np.where(turns > SPECTRUM.transient_turns, std, np.inf)
+        std = _scatter(evidence, self.name, SCATTER.least_transient)
+        return values, np.where(np.abs(self._turns(recorded, 2)) > SPECTRUM.transient_turns, std, np.inf)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the means of simulated sweeps."""
         return expected.features.transient
-
-    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return squares over the time in the sweep [s]."""
-        middle = _onsets(recorded).mean(axis=1)
-        return middle, np.sum(z.reshape(-1, 2, len(middle)) ** 2, axis=(0, 1))
-
-    def plotted(self, shown: Shown) -> Plotted:
-        """Return the real parts over the time in the sweep [s]."""
-        middle = _onsets(shown.recorded).mean(axis=1)
-        at = shown.group, shown.row, slice(len(middle))
-        values = (shown.residual[at], shown.std[at], shown.curve[at])
-        return Plotted(middle, *values, self.unit, at_distance(shown))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -175,21 +175,17 @@ class Ends(Kind):
 def _averaged(evidence: Evidence, feature: str) -> Measured:
     """Return means over each group of a feature, and their standard deviations: by the scatter, or by white noise."""
     if evidence.recorded.scatters:
-        each = [getattr(s, feature) for s in evidence.recorded.sweeps]
-        variance = np.stack([x.var(axis=0, ddof=1) * variance_factor(len(x) - 1) for x in each])
-    else:
-        variance = np.stack([white[feature] for white in evidence.white])
+        return evidence.mean(feature), _scatter(evidence, feature, SCATTER.least_mean)
+    variance = np.stack([white[feature] for white in evidence.white])
     return evidence.mean(feature), np.maximum(np.sqrt(variance), SCATTER.least_mean) / evidence.roots[:, None, None]
 
 
-def _spans(recorded: RecordedSweeps) -> np.ndarray:
-    """Return when each span of the first station's sweep begins and ends (V, 2) [s]."""
-    return span_times(recorded.data.sweeps[0][recorded.heard[0]])
-
-
-def _onsets(recorded: RecordedSweeps) -> np.ndarray:
-    """Return when each span after the begin of the first station's signal begins and ends (V, 2) [s]."""
-    return transient.times(recorded.data.sweeps[0][recorded.heard[0]])
+def _scatter(evidence: Evidence, feature: str, least: float) -> np.ndarray:
+    """Return the standard deviation of a feature's mean over each group, by its scatter; `least` is a sweep's."""
+    each = [getattr(s, feature) for s in evidence.recorded.sweeps]
+    variance = np.stack([x.var(axis=0, ddof=1) * variance_factor(len(x) - 1) for x in each])
+    std: np.ndarray = np.maximum(np.sqrt(variance), least) / evidence.roots[:, None, None]
+    return std
 
 
 def _frequencies(recorded: RecordedSweeps, bins: int) -> np.ndarray:
@@ -219,6 +215,7 @@ MEAN = Mean(
 )
 BASELINE = Baseline(
     name='baseline',
+    times=span_times,
     of_converter=True,
     level='if_samples',
     axis='ramp_time',
@@ -229,6 +226,7 @@ BASELINE = Baseline(
 )
 TRANSIENT = Transient(
     name='transient',
+    times=transient.times,
     level='if_samples',
     axis='ramp_time',
     label='what fades after the begin of the signal',
