@@ -274,7 +274,7 @@ def joint_drive(tmp_path_factory):
     )
     recording = directory / 'recording'
     with site(directory) as live:
-        start_nodes(live.graph, read_scenario(path), recording, estimator='pair')
+        start_nodes(live.graph, read_scenario(path), recording, estimator='pair', patient=True)
         matched = [  # each topic on its own, and at both ends: what is sent before is lost
             ('/fusion: Range master/slave', 'subscribers of /master/slave/range', 2),  # monitor and recorder
             ('/fusion: Inputs', 'publishers of /master/beat_frequency', 1),

@@ -35,7 +35,7 @@ _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
 _PARTICIPANTS = 32  # of a domain that are looked for: as many as discovery on localhost asks for
 _RESERVED = 8  # domains of this process at a time: each is one only while its participants start
-_reserved: collections.deque[IO] = collections.deque()  # their locks
+_reserved: collections.deque[int] = collections.deque()  # file descriptors of their locks
 
 
 def free_domain_id() -> int:
@@ -50,10 +50,10 @@ def free_domain_id() -> int:
             continue
         if _is_quiet(domain):
             if len(_reserved) == _RESERVED:
-                _reserved.popleft().close()
+                os.close(_reserved.popleft())
             _reserved.append(lock)
             return domain
-        lock.close()
+        os.close(lock)
     raise ConfigurationError('no ROS domain is free on this machine')
 
 
@@ -72,13 +72,14 @@ def _is_quiet(domain: int) -> bool:
     return True
 
 
-def _lock(domain: int) -> IO | None:
-    """Return a locked file that stands for a domain, None where another process has locked it."""
-    file = open(Path(tempfile.gettempdir()) / f'drfmcw-{os.getuid()}-domain-{domain}', 'w')
+def _lock(domain: int) -> int | None:
+    """Return the descriptor of a locked file that stands for a domain, None where another process has locked it."""
+    path = Path(tempfile.gettempdir()) / f'drfmcw-{os.getuid()}-domain-{domain}'
+    file = os.open(path, os.O_WRONLY | os.O_CREAT, 0o600)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        file.close()
+        os.close(file)
         return None
     return file
 
