@@ -411,7 +411,7 @@ def block_lengths(count: int) -> range:
     """Return the lengths of a block to choose from for sweeps of `count` samples [samples]."""
     lengths = SPECTRUM.blocks
     times = max(1, -(-count // (lengths.start * SPECTRUM.most_blocks)))
-    return range(times * lengths.start, times * (lengths.stop - 1) + 1)
+    return range(times * lengths.start, times * (lengths.stop - 1) + 1, lengths.step)
 
 
 def _by_span(values: np.ndarray) -> np.ndarray:

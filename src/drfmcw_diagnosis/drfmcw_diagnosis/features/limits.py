@@ -151,8 +151,9 @@ class SpectrumLimits:
     clear: int = 24
     """Bins from the line, its mirror and 0 Hz that a harmonic must keep; chosen."""
 
-    blocks: range = range(12, 21)
-    """Samples per block: changes within the sweep up to 50 kHz; chosen."""
+    blocks: range = range(16, 21, 4)
+    """Samples per block: changes within the sweep up to 50 kHz; chosen: multiples of four, whose means leave out the
+    images of a line that two or four interleaved converters make."""
 
     most_blocks: int = 1024
     """Blocks of a sweep, from which on blocks are longer; chosen: the search's memory grows with their square."""
