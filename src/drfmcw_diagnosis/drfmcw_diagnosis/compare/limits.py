@@ -241,6 +241,24 @@ class SimulationLimits:
     prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
     where the line is near a quarter of the sampling rate."""
 
+    levels: int = 6
+    """Strengths of a line at which it is simulated what a distortion takes of it; chosen."""
+
+    fine: int = 201
+    """Strengths between these that are tried; chosen."""
+
+    beyond: float = 3.0
+    """Strength that is tried beyond that of the measured line, or of the link budget [dB]; chosen."""
+
+    line_known: float = 0.005
+    """Standard deviation of a line's strength [dB]; chosen."""
+
+    limit_known: float = 0.1
+    """The same of a line that is held at a limit, whose level is to be found [dB]; chosen."""
+
+    budget_known: float = 0.5
+    """The same before it, by the link budget [dB]; chosen: sweeps scatter by so much."""
+
     turning: float = 0.02
     """Turn of a second path's phase within a driving group, from which on sweeps are simulated all along its way [1];
     chosen."""

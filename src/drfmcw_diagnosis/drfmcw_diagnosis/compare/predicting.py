@@ -303,7 +303,7 @@ class Predictor:
 
     def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
         """Return of noisy sweeps the noise in bands [dB of 1 LSB^2 per sample], harmonics, and samples piled up."""
-        features = self.simulated.distorted(part, effects)
+        features = self.simulated.distorted(part, effects, self.noise.loss(part, acted(part, effects)))
         counts = np.full(len(self.recorded.heard), SIMULATION.distorted)
         pairs = zip(features.power, features.line, strict=True)
         noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])

@@ -12,6 +12,7 @@ from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.synthesis.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures, ramp_spectrum
+from ..features.limits import SPECTRUM
 from .groups import Part, acted, align, move
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
@@ -148,20 +149,98 @@ class SimulatedSweeps:
         harmonic: bool = False,
         quiet: bool = False,
         shape: bool = False,
+        loss: np.ndarray | None = None,
     ) -> SweepFeatures:
         """Return power and lines of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
 
-        Harmonics multiply the jitter.
+        Harmonics multiply the jitter. Where effects distort, or `loss` is given, lines are as strong as the measured
+        ones: how many samples a limiter holds depends on a tenth of a decibel. Otherwise each group has the model's
+        mean.
+
+        Args:
+            part: groups of one setting.
+            effects: that act.
+            noise: whether there is any.
+            copies: sweeps of each group.
+            harmonic: see `Extractor`, like the following.
+            quiet: see there.
+            shape: see there.
+            loss: what phase noise takes of a measured line (G, S) [dB]; None: nothing.
         """
         rows = part.steady.rows(np.tile(np.arange(len(part.groups)), copies))
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
         amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
+        if loss is not None or any(effect.distorts for effect in effects):
+            powers = self._needed(part, effects, amplitudes + (0.0 if loss is None else loss))
+        else:
+            powers = amplitudes - amplitudes.mean(axis=0)
         for number, heard in enumerate(self._recorded.heard):
-            rows.stations[heard].received_power += amplitudes[..., number].ravel()
+            rows.stations[heard].received_power += powers[..., number].ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
         return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=shape)
+
+    def _needed(self, part: Part, effects: Sequence[Effect], amplitudes: np.ndarray) -> np.ndarray:
+        """Return by how much to raise the received power of sweeps whose lines are so strong (C, G, S) [dB].
+
+        Deep in a limit the line hardly says how strong it came in: then the link budget does.
+
+        Args:
+            part: groups of one setting.
+            effects: that act; some may distort.
+            amplitudes: of the lines (C, G, S), in rising order [dB of 1 LSB].
+        """
+        effects = tuple(e for e in _seen(effects) if not e.bursts)
+        plain = self._noise_free(part, tuple(e for e in effects if not e.distorts))
+        wanted = amplitudes - plain.amplitude  # rise of a line
+        if not any(effect.distorts for effect in effects):
+            return wanted
+        budget = amplitudes - amplitudes.mean(axis=0)
+        lowest = np.minimum(wanted[0], budget[0])
+        highest = np.maximum(wanted[-1], budget[-1]) + SIMULATION.beyond
+        steps = np.linspace(0.0, 1.0, SIMULATION.fine)
+        for _ in range(2):  # first roughly
+            levels = np.linspace(lowest, highest, SIMULATION.levels)
+            rise = self._rise(part, effects, levels, plain)
+            found = np.empty(wanted.shape)
+            for at in np.ndindex(plain.amplitude.shape):
+                of = (slice(None), *at)
+                tried = lowest[at] + steps * (highest[at] - lowest[at])
+                reached = np.interp(tried, levels[of], rise[of])
+                held = np.abs(1.0 - np.gradient(reached) / (tried[1] - tried[0]))
+                std = SIMULATION.line_known + SIMULATION.limit_known * held
+                unlikely = ((wanted[of][:, None] - reached) / std) ** 2 + 2.0 * np.log(std)
+                unlikely += ((tried - budget[of][:, None]) / SIMULATION.budget_known) ** 2
+                found[of] = tried[np.argmin(unlikely, axis=1)]
+            lowest, highest = found[0] - SIMULATION.limit_known, found[-1] + SIMULATION.limit_known
+        return found
+
+    def _rise(self, part: Part, effects: Sequence[Effect], levels: np.ndarray, plain: SweepFeatures) -> np.ndarray:
+        """Return by how much lines rise above those of `plain` where the received power does by `levels`.
+
+        Args:
+            part: groups of one setting.
+            effects: that act.
+            levels: rise of the received power (L, G, S) [dB].
+            plain: the sweeps at level 0 without distortion.
+
+        Returns:
+            rise of the lines (L, G, S) [dB].
+        """
+        count, groups = len(levels), len(part.groups)
+        rows = part.steady.rows(np.tile(np.arange(groups), count))
+        for number, heard in enumerate(self._recorded.heard):
+            rows.stations[heard].received_power += levels[..., number].ravel()
+        align(part, rows, count, self._recorded.sweeps, effects)
+        bins = plain.power.shape[-1]
+        width = part.extract.sweeps[self._recorded.topology.heard[0]].sample_rate / 2.0 / (bins - 1)
+        near = np.abs(np.arange(bins) * width - plain.line[..., None]) < SPECTRUM.line * width
+        power = self._features(part, rows, effects, shape=False).power.reshape(count, *plain.power.shape)
+        rise: np.ndarray = 10.0 * np.log10(
+            np.sum(power, axis=-1, where=near) / np.sum(plain.power, axis=-1, where=near)
+        )
+        return rise
 
     def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
         """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
@@ -169,9 +248,10 @@ class SimulatedSweeps:
         samples = synthesise(rows, 0, effects, noise, False)
         return tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
 
-    def distorted(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
-        """Return means over noisy sweeps of `jittered`, with harmonics."""
-        return _mean(self.jittered(part, effects, True, SIMULATION.distorted, harmonic=True), SIMULATION.distorted)
+    def distorted(self, part: Part, effects: Sequence[Effect], loss: np.ndarray) -> SweepFeatures:
+        """Return means over noisy sweeps of `jittered`, with harmonics; `loss` as there."""
+        copies = SIMULATION.distorted
+        return _mean(self.jittered(part, effects, True, copies, harmonic=True, loss=loss), copies)
 
     def _features(
         self,
@@ -196,8 +276,10 @@ class SimulatedSweeps:
         return np.interp((np.arange(count) + 0.5) / count * len(time) - 0.5, np.arange(len(time)), time) - time.mean()
 
     def _amplitudes(self, group: int, count: int) -> np.ndarray:
-        """Return the amplitudes minus the group's mean, of `count` of its sweeps (count, S) [dB]."""
-        return _spread(self._recorded.sweeps[group].amplitude, count)
+        """Return amplitudes that stand for those of a group's sweeps (count, S), in rising order [dB of 1 LSB]."""
+        own = np.sort(self._recorded.sweeps[group].amplitude, axis=0)
+        at = (np.arange(count) + 0.5) / count * len(own) - 0.5
+        return np.stack([np.interp(at, np.arange(len(own)), values) for values in own.T], axis=1)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return T_off minus the group's mean, of `count` of its sweeps [s]."""

@@ -11,7 +11,7 @@ from scenes import record, scene
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.features.adc_codes import piled
-from drfmcw_diagnosis.features.extractor import Extractor
+from drfmcw_diagnosis.features.extractor import Extractor, ramp_spectrum
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitting
@@ -57,6 +57,23 @@ def test_both_stations_are_compared_over_the_same_spans(cut):
     assert features.quiet.shape[:2] == (2, 2) and np.all(features.quiet > 0.0)
 
 
+@pytest.mark.parametrize('period', [2, 4])
+def test_interleaved_converters_leave_no_ripple(period):
+    """The image of a line turns with the converters against it, by whole turns in each block of the sweep.
+
+    Blocks of 19 samples would see a ripple of 1e-2 by four converters.
+    """
+    data = read_dataset(DATA / 'recording_0')
+    sweep, step = data.sweeps[0][0], np.arange(data.sweeps[0][0].sample_count)
+    phases = np.arange(8)[:, None] * (np.pi / 8)
+    line = 9000.0 * np.cos(2.0 * np.pi * 150.3e3 / sweep.sample_rate * step + phases)
+    gain = np.where(step % period == 0, 1.05, 1.0)
+    extract = Extractor(data.sweeps[0], data.calibration, data.topology)
+    clean, uneven = (extract((x, x), 32767.0, 1.0003).ramp.mean(axis=0) for x in (line, line * gain))
+    change = ramp_spectrum(uneven - clean)[:, 3:]
+    assert np.abs(change).max() < 2e-4
+
+
 def test_even_harmonics_beside_a_slope_leave_nothing_of_the_ramp(tmp_path):
     """What squares make beside the line has the line's phase once, so half a turn of phases does not cancel it.
 
@@ -75,6 +92,25 @@ def test_even_harmonics_beside_a_slope_leave_nothing_of_the_ramp(tmp_path):
     fitting.trust(found)
     left = leftovers(fitting, fitting.fit(found.start))
     assert min(x.probability for x in left if x.kind == 'ramp') > 1e-4
+
+
+@pytest.mark.parametrize('depth', [-0.3, 0.1, 1.0])
+def test_samples_at_a_limit_follow_the_strength_of_each_sweep(depth, tmp_path):
+    """A tenth of a decibel brings a hundred samples of 2000 to a limit; the link budget knows none of 0.4 dB.
+
+    Counts of 16 sweeps, Poisson, are within 5 standard deviations and 5 % of the simulation's: the limiter's ends of a
+    crest are rounded by noise. The recording is fixed.
+    """
+    standing = {'standing': {'distances': [30.0, 60.0, 90.0], 'sweeps': 16}}
+    uneven = {'amplitude_scatter': 0.4}
+    free = Comparison(read_dataset(record(scene(standing, timing=uneven), tmp_path / 'free')))
+    line = float(free.measured.amplitude[0, 1]) - 20.0 * math.log10(free.data.full_scale[1].max())
+    limiter = {'effect': 'clipping', 'station': 'slave', 'level': line - depth}
+    comparison = Comparison(read_dataset(record(scene(standing, timing=uneven, effects=[limiter]), tmp_path / 'r')))
+    predicted = comparison.predict((Effect.registry['clipping'](station='slave', level=line - depth),))
+    found, expected = comparison.measured.piled[0, 1], predicted.piled[0, 1]
+    assert found > 20.0
+    assert abs(found - expected) < 5.0 * comparison.std['piled'][0, 1] + 0.05 * found
 
 
 def test_distances_at_which_the_line_drowns_are_left_out(tmp_path):
