@@ -55,6 +55,7 @@ class StandingLimits:
     smallest: float = 0.25  # its size in such a group, or exact kind of number, over that in all, at least [1]
     predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
+    noise: float = 1.0  # standard deviations by which noise may raise the rest of a cell [1]
     left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
@@ -403,9 +404,10 @@ def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least
 
 
 def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return which numbers lie in cells that an effect explains but for a small rest (n,)."""
+    """Return which numbers lie in cells that an effect explains but for a small rest (n,), beyond that of noise."""
     power, excess = np.bincount(cells, added**2), np.bincount(cells, rest**2 - (rest != 0.0))
-    return (np.maximum(excess, 0.0) < LIMITS.clean * power)[cells]
+    by_chance = LIMITS.noise * np.sqrt(2.0 * np.bincount(cells, rest != 0.0))  # chi-squared
+    return (np.maximum(excess - by_chance, 0.0) < LIMITS.clean * power)[cells]
 
 
 def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, added: np.ndarray) -> np.ndarray:
