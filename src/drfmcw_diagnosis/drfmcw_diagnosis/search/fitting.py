@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -547,16 +547,16 @@ class Fitting:
             trust=c.known.trust,
             distorting=any(e.distorts for e in acting),
             bursting=any(e.bursts for e in acting),
-            distorted=self._distorted(fitted),
+            distorted=self._receivers(e.key for e in fitted.effects if e.candidate.kind.distorts),
+            settled=self._receivers(e.key for e in fitted.effects if e.candidate.kind.begins_settled),
             incoherence=sum(incoherent),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
 
-    def _distorted(self, fitted: 'Fitted') -> tuple[int, ...]:
-        """Return the numbers of the receivers that an explanation distorts."""
-        receivers = self.comparison.receivers
-        distorting = [e.key for e in fitted.effects if e.candidate.kind.distorts]
-        return tuple(i for i, name in enumerate(receivers) if any(station in ('', name) for _, station in distorting))
+    def _receivers(self, keys: Iterable[tuple[str, str]]) -> tuple[int, ...]:
+        """Return the numbers of the receivers at which effects act, given as (effect, station)."""
+        stations = {station for _, station in keys}
+        return tuple(i for i, name in enumerate(self.comparison.receivers) if stations & {'', name})
 
     def slopes(self, fitted: Fitted) -> np.ndarray:
         """Return by how much each parameter of an explanation changes its template (parameters, n)."""

@@ -2,6 +2,7 @@
 
 import pickle
 
+import numpy as np
 import pytest
 from checkout import DATA
 
@@ -30,3 +31,21 @@ def test_a_start_from_another_process_is_fitted_alike():
     assert here.linearised is not None and there.linearised is not None
     assert there.misfit == pytest.approx(here.misfit, rel=1e-12)
     assert [e.values for e in there.effects] == [e.values for e in here.effects]
+
+
+@pytest.mark.parametrize('settled', [True, False])
+def test_a_filter_may_have_settled_before_the_first_sample(settled):
+    """Whether its answer to the begin of the signal is there, nobody knows: either way nothing is left of it."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    template = comparison.template([Effect.registry['if_filter'](station='slave', pole=1e4)])
+    begin = comparison.entries.where(kind='transient', station=1)
+    assert np.abs(template[begin]).max() > 10.0  # it would show
+    comparison.residual = np.where(begin & settled, 0.0, template)
+    fitting = Fitting(comparison)
+    found = fitting.fit([start('if_filter', 'slave', pole=1.1e4)])
+    for _ in range(4):
+        fitting.trust(found)
+        found = fitting.fit(found.start)
+    assert found.effects[0].values['pole'] == pytest.approx(1e4, rel=0.01)
+    left = fitting.whitening(comparison.residual - found.template)[begin]
+    assert np.sum(left**2) < np.count_nonzero(template[begin])

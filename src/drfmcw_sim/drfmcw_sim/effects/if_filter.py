@@ -28,6 +28,7 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
     formula = 'X(f) → X(f) / (1 + j f / pole)'
     example = {'pole': 2e6}
     stage = Stage.FILTER
+    begins_settled = True
     recipes = (
         Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),
         Recipe('', {'noise_behind': True}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),
