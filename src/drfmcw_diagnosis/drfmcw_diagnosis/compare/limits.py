@@ -44,6 +44,10 @@ class ModelLimits:
     harmonics_width: int = 33
     """Bins over which a harmonic may be displaced; chosen."""
 
+    calm: float = 0.4
+    """Share of a group's sweeps without a burst [1], below which bursts may change the ramp from sweep to sweep;
+    chosen."""
+
     flutter_width: int = 5
     """Terms over which a change from sweep to sweep may be displaced; chosen."""
 

@@ -13,6 +13,7 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
 from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths, mean_power, near_line
+from ..features.limits import SPECTRUM
 from ..features.noise_bands import NoiseBands
 from ..recording.dataset import Dataset
 from ..recording.grouping import noise_by_bends
@@ -121,9 +122,15 @@ class RecordedSweeps:
         return np.array([self.data.distance[m].mean() for m in self.members])
 
     @functools.cached_property
+    def calm(self) -> list[np.ndarray]:
+        """Which sweeps of each group hold no burst at any station (n,), all where hardly any is free."""
+        found = [np.all(s.free, axis=1) for s in self.sweeps]
+        return [calm | (calm.sum() < SPECTRUM.free_sweeps) for calm in found]
+
+    @functools.cached_property
     def freedom(self) -> np.ndarray:
-        """Pairs of sweeps' degrees of freedom in each group (G,), as many exponential powers a variance is worth."""
-        return np.maximum((np.array([len(m) for m in self.members]) - 1) / 2, 0.5)
+        """Pairs of calm sweeps' degrees of freedom (G,), as many exponential powers a variance is worth."""
+        return np.maximum((np.array([calm.sum() for calm in self.calm]) - 1) / 2, 0.5)
 
     @functools.cached_property
     def quiet_counts(self) -> np.ndarray:

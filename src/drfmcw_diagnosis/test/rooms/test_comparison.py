@@ -113,6 +113,24 @@ def test_samples_at_a_limit_follow_the_strength_of_each_sweep(depth, tmp_path):
     assert abs(found - expected) < 5.0 * comparison.std['piled'][0, 1] + 0.05 * found
 
 
+def test_a_modulation_shows_beside_bursts_in_sweeps_without_one(tmp_path):
+    """It changes the ramp from sweep to sweep at its own rate; noise alone does so by as much once in a million."""
+    bursts = {'probability': 0.25, 'level': -40.0, 'duration': 5e-5}
+    modulation = {'deviation': 60.0, 'rate': 6e3}
+    entries = [
+        {'effect': name, 'station': 'slave', **values}
+        for name, values in (('interference_burst', bursts), ('frequency_modulation', modulation))
+    ]
+    standing = {'standing': {'distances': [30.0, 60.0, 90.0, 130.0], 'sweeps': 24}}
+    fitting = Fitting(Comparison(read_dataset(record(scene(standing, effects=entries), tmp_path / 'r'))))
+    recipe = Effect.registry['interference_burst'].recipes[0]
+    found = fitting.fit([(Candidate('interference_burst', 'slave', recipe, bursts), bursts)])
+    fitting.trust(found)
+    left = fitting.whitening(fitting.comparison.residual - found.template)
+    left = left[fitting.comparison.entries.where(kind='flutter')]
+    assert np.sum(left**2) > np.count_nonzero(left) + 5.0 * math.sqrt(2.0 * np.count_nonzero(left)) > 0.0
+
+
 def test_distances_at_which_the_line_drowns_are_left_out(tmp_path):
     """Where noise may pass for the line, ranges are hundreds of metres off; what is near shows the loss."""
     loss = {'effect': 'amplitude_loss', 'loss': 38.0}

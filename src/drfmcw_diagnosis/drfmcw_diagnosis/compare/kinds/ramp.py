@@ -93,7 +93,8 @@ class Flutter(_OfChannels):
             ones = np.ones((len(evidence.counts), *evidence.ramps[0].shape[1:]))
             return ones, ones
         phases = [i for i, channel in enumerate(evidence.recorded.channels) if channel.of_phase]
-        return _over_neighbours(evidence.ramps, phases)
+        calm = [ramp[chosen] for ramp, chosen in zip(evidence.ramps, evidence.recorded.calm, strict=True)]
+        return _over_neighbours(calm, phases)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return 1 and what effects of random phase add.
@@ -130,12 +131,15 @@ class Flutter(_OfChannels):
         return doubt
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
-        """Return by how much an explanation makes the ramp change with the phase of each sweep (n,)."""
-        if explained.bursting:
-            return np.full(len(size), np.inf)
+        """Return by how much an explanation makes the ramp change with the phase of each sweep (n,).
+
+        Bursts do so by no known amount where hardly a sweep is free of them.
+        """
         freedom = explained.recorded.freedom[:, None, None]
         ratio = 1.0 + maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
         changing: np.ndarray = gaussian(ratio, freedom) - gaussian(np.ones(1), freedom)
+        if explained.bursting:
+            changing[[calm.all() or calm.mean() < MODEL.calm for calm in explained.recorded.calm]] = np.inf
         return changing.ravel()
 
     def chances(self, left: chances.Remainder) -> list[float]:
