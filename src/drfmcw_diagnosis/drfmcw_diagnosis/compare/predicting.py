@@ -204,8 +204,8 @@ class Predictor:
             std: of the measured numbers by kind.
         """
         self.recorded, self.std = recorded, std
-        self.simulated = SimulatedSweeps(recorded)
         self.noise = NoiseModel(recorded, np.isfinite(std['coherence']).any(axis=1))
+        self.simulated = SimulatedSweeps(recorded, self.noise.loss)
         # what there is without any effect, and what noise makes of it, by the first group of a part
         self._plain: dict[int, Expected] = {}
         self._undistorted: dict[tuple[int, tuple[Effect, ...]], tuple[np.ndarray, ...]] = {}
@@ -303,7 +303,7 @@ class Predictor:
 
     def _noisy(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, ...]:
         """Return of noisy sweeps the noise in bands [dB of 1 LSB^2 per sample], harmonics, and samples piled up."""
-        features = self.simulated.distorted(part, effects, self.noise.loss(part, acted(part, effects)))
+        features = self.simulated.distorted(part, effects)
         counts = np.full(len(self.recorded.heard), SIMULATION.distorted)
         pairs = zip(features.power, features.line, strict=True)
         noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -23,9 +23,14 @@ _UNSEEN = ActsOn.NOISE | ActsOn.REFERENCE  # in sweeps free of noise
 class SimulatedSweeps:
     """Features of simulated sweeps under the conditions of a recording's groups, S stations with samples."""
 
-    def __init__(self, recorded: RecordedSweeps) -> None:
-        """Remember the recorded sweeps, whose jitter simulated ones have."""
-        self._recorded = recorded
+    def __init__(self, recorded: RecordedSweeps, loss: Callable[[Part, Measurements], np.ndarray]) -> None:
+        """Remember what simulated sweeps have of others.
+
+        Args:
+            recorded: sweeps whose jitter simulated ones have.
+            loss: returns what phase noise takes of the lines of a part's groups, under conditions (G, S) [dB].
+        """
+        self._recorded, self._loss = recorded, loss
 
     def mean(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group; harmonics only where an effect makes some.
@@ -149,13 +154,13 @@ class SimulatedSweeps:
         harmonic: bool = False,
         quiet: bool = False,
         shape: bool = False,
-        loss: np.ndarray | None = None,
+        as_measured: bool = False,
     ) -> SweepFeatures:
         """Return power and lines of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
 
-        Harmonics multiply the jitter. Where effects distort, or `loss` is given, lines are as strong as the measured
-        ones: how many samples a limiter holds depends on a tenth of a decibel. Otherwise each group has the model's
-        mean.
+        Harmonics multiply the jitter. Where effects distort, lines are as strong as the measured ones: how many samples
+        a limiter holds depends on a tenth of a decibel. Otherwise each group has the model's mean, unless
+        `as_measured`.
 
         Args:
             part: groups of one setting.
@@ -165,35 +170,33 @@ class SimulatedSweeps:
             harmonic: see `Extractor`, like the following.
             quiet: see there.
             shape: see there.
-            loss: what phase noise takes of a measured line (G, S) [dB]; None: nothing.
+            as_measured: make all lines as strong as the measured ones.
         """
         rows = part.steady.rows(np.tile(np.arange(len(part.groups)), copies))
         rows.sweep_id = np.arange(len(rows))
         delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
         rows.start_delay += delays.ravel()
-        amplitudes = np.stack([self._amplitudes(g, copies) for g in part.groups], axis=1)
-        if loss is not None or any(effect.distorts for effect in effects):
-            powers = self._needed(part, effects, amplitudes + (0.0 if loss is None else loss))
+        if as_measured or any(effect.distorts for effect in effects):
+            powers = self._needed(part, tuple(e for e in effects if not e.bursts), copies)
         else:
+            amplitudes = self._amplitudes(part, copies)
             powers = amplitudes - amplitudes.mean(axis=0)
         for number, heard in enumerate(self._recorded.heard):
             rows.stations[heard].received_power += powers[..., number].ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
         return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=shape)
 
-    def _needed(self, part: Part, effects: Sequence[Effect], amplitudes: np.ndarray) -> np.ndarray:
-        """Return by how much to raise the received power of sweeps whose lines are so strong (C, G, S) [dB].
+    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
+    def _needed(self, part: Part, effects: tuple[Effect, ...], copies: int) -> np.ndarray:
+        """Return by how much to raise the received power of sweeps, so that lines are as measured (copies, G, S) [dB].
 
         Deep in a limit the line hardly says how strong it came in: then the link budget does.
-
-        Args:
-            part: groups of one setting.
-            effects: that act; some may distort.
-            amplitudes: of the lines (C, G, S), in rising order [dB of 1 LSB].
         """
-        effects = tuple(e for e in _seen(effects) if not e.bursts)
+        amplitudes = self._amplitudes(part, copies)
+        loss = self._loss(part, acted(part, effects))
+        effects = _seen(effects)
         plain = self._noise_free(part, tuple(e for e in effects if not e.distorts))
-        wanted = amplitudes - plain.amplitude  # rise of a line
+        wanted = amplitudes + loss - plain.amplitude  # rise of a line
         if not any(effect.distorts for effect in effects):
             return wanted
         budget = amplitudes - amplitudes.mean(axis=0)
@@ -248,10 +251,10 @@ class SimulatedSweeps:
         samples = synthesise(rows, 0, effects, noise, False)
         return tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
 
-    def distorted(self, part: Part, effects: Sequence[Effect], loss: np.ndarray) -> SweepFeatures:
-        """Return means over noisy sweeps of `jittered`, with harmonics; `loss` as there."""
+    def distorted(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
+        """Return means over noisy sweeps of `jittered` as strong as measured, with harmonics."""
         copies = SIMULATION.distorted
-        return _mean(self.jittered(part, effects, True, copies, harmonic=True, loss=loss), copies)
+        return _mean(self.jittered(part, effects, True, copies, harmonic=True, as_measured=True), copies)
 
     def _features(
         self,
@@ -275,11 +278,14 @@ class SimulatedSweeps:
         time = self._recorded.data.time[self._recorded.members[group]]
         return np.interp((np.arange(count) + 0.5) / count * len(time) - 0.5, np.arange(len(time)), time) - time.mean()
 
-    def _amplitudes(self, group: int, count: int) -> np.ndarray:
-        """Return amplitudes that stand for those of a group's sweeps (count, S), in rising order [dB of 1 LSB]."""
-        own = np.sort(self._recorded.sweeps[group].amplitude, axis=0)
-        at = (np.arange(count) + 0.5) / count * len(own) - 0.5
-        return np.stack([np.interp(at, np.arange(len(own)), values) for values in own.T], axis=1)
+    def _amplitudes(self, part: Part, count: int) -> np.ndarray:
+        """Return amplitudes that stand for those of a part's sweeps (count, G, S), in rising order [dB of 1 LSB]."""
+        found = []
+        for group in part.groups:
+            own = np.sort(self._recorded.sweeps[group].amplitude, axis=0)
+            at = (np.arange(count) + 0.5) / count * len(own) - 0.5
+            found.append([np.interp(at, np.arange(len(own)), values) for values in own.T])
+        return np.moveaxis(np.array(found), 2, 0)
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return T_off minus the group's mean, of `count` of its sweeps [s]."""
