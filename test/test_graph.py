@@ -51,7 +51,7 @@ ROOT = Path(__file__).parents[1]
 WATCH = 'drfmcw_diagnosis.live.node'
 PRACTICE = ROOT / 'test' / 'data' / 'recording_0'
 LIMIT = 40.0  # for anything that is waited for, on a busy machine [s]
-STOP_LIMIT = 10.0  # for a process to end after a signal [s]
+STOP_LIMIT = 20.0  # for a process to end after a signal, before a launcher uses force [s]
 STANDING = {'standing': {'distances': [100.0], 'sweeps': 1_000_000}}
 
 
@@ -504,7 +504,8 @@ def test_one_master_and_three_slaves(tmp_path):
 def test_published_recording_gives_the_offline_ranges(tmp_path):
     """Stations and fusion make of a played recording what the offline replay makes of it, bit by bit."""
     with site(tmp_path) as live:
-        live.graph.start('fusion', FUSION)
+        patience = parameters({'pair_time_limit': 60.0})  # at full speed one station may fall behind the other
+        live.graph.start('fusion', FUSION, *patience)
         for station in ('master', 'slave'):
             live.graph.start(f'station_{station}', STATION, '--station', station)
         heard = {
@@ -526,7 +527,7 @@ def test_published_recording_gives_the_offline_ranges(tmp_path):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_every_process_cleanly(tmp_path, number):
-    """Status 0, no traceback, a complete recording, all within ten seconds."""
+    """Status 0, no traceback, a complete recording, all within twenty seconds."""
     path = scenario_file(tmp_path, STANDING)
     with site(tmp_path) as live:
         live.start(path, {}, tmp_path / 'recording')

@@ -30,7 +30,7 @@ from drfmcw_ros.messages import from_message
 
 WATCH = 'drfmcw_diagnosis.live.node'
 LIMIT = 150.0  # for a full search on a busy machine [s]
-STOP_LIMIT = 10.0  # for a process to end after a signal [s]
+STOP_LIMIT = 20.0  # for a process to end after a signal, before a launcher uses force [s]
 BEGIN = 1_700_000_000_000_000_000  # [ns]
 SWEEPS = 120
 STANDING = {'standing': {'distances': [60.0, 200.0, 350.0, 500.0, 640.0], 'sweeps': SWEEPS // 5, 'move_time': 3.0}}
