@@ -8,6 +8,7 @@ from drfmcw_msgs.msg import BeatFrequency
 from test_graph import STANDING, scenario_file, site
 
 from drfmcw_bringup.graph import FUSION, SIMULATOR, STATION, parameters
+from drfmcw_bringup.run import PATIENT
 from drfmcw_ros import qos
 
 pytestmark = pytest.mark.graph
@@ -48,8 +49,7 @@ def test_slow_fusion_is_waited_for_and_a_dead_one_is_not(tmp_path):
         reached = beats[-1]
         live.wait(lambda: beats[-1] > reached + 4 * WINDOW, 'sweeps without fusion')
         live.graph.stop('fusion')
-        patience = parameters({'pair_time_limit': 60.0})  # as the first one has: it begins behind, on a busy machine
-        live.graph.start('fusion', FUSION, '--pair', 'master/slave', *patience)
+        live.graph.start('fusion', FUSION, '--pair', 'master/slave', *PATIENT)  # as the first one: it begins behind
         live.wait(lambda: 'master/slave has ranges again' in live.log('simulator'), 'ranges of another fusion')
 
 

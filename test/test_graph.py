@@ -34,7 +34,7 @@ from drfmcw_bringup.graph import (
     private_environment,
 )
 from drfmcw_bringup.monitor import RangeMonitor, monitored
-from drfmcw_bringup.run import pair_names, start_graph, start_nodes
+from drfmcw_bringup.run import PATIENT, pair_names, start_graph, start_nodes
 from drfmcw_fusion.offline import replay_recording
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.replayed.statistics import reference_at
@@ -504,8 +504,7 @@ def test_one_master_and_three_slaves(tmp_path):
 def test_published_recording_gives_the_offline_ranges(tmp_path):
     """Stations and fusion make of a played recording what the offline replay makes of it, bit by bit."""
     with site(tmp_path) as live:
-        patience = parameters({'pair_time_limit': 60.0})  # at full speed one station may fall behind the other
-        live.graph.start('fusion', FUSION, *patience)
+        live.graph.start('fusion', FUSION, *PATIENT)  # at full speed one station may fall behind the other
         for station in ('master', 'slave'):
             live.graph.start(f'station_{station}', STATION, '--station', station)
         heard = {

@@ -20,7 +20,8 @@ from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, pa
 from .monitor import RangeMonitor, monitored
 
 _ESTIMATOR = declared_parameters(EstimatorSettings)['estimator'][1]
-_PATIENCE = 60.0  # of fusion where subscribers set the pace: no sweep is late, however slow the machine [s]
+PATIENT = parameters({'pair_time_limit': 60.0})
+"""Arguments of a fusion for which no sweep is late, however slow the machine."""
 _DISCOVERY_LIMIT = 15.0  # takes up to 3 s on an idle machine [s]
 
 
@@ -64,7 +65,7 @@ def start_nodes(
         graph.start('recorder', RECORDER, str(record), *resume, keep_alive=keep_alive, optional=True)
     pairs = [argument for name in pair_names(scenario) for argument in ('--pair', name)]
     given = parameters({}, file) if file is not None else []
-    patience = parameters({'pair_time_limit': _PATIENCE}) if patient else []
+    patience = PATIENT if patient else []
     graph.start('fusion', FUSION, *pairs, *patience, *given, keep_alive=keep_alive)
     stations, settings = list(scenario.stations), {'estimator': estimator} if estimator else {}
     if estimator == 'pair':

@@ -249,7 +249,7 @@ class SimulationLimits:
     """Strengths of a line at which it is simulated what a distortion takes of it; chosen."""
 
     fine: int = 201
-    """Strengths between these that are tried; chosen."""
+    """Strengths that are compared over the same reach, between those simulated; chosen."""
 
     beyond: float = 3.0
     """Strength that is tried beyond that of the measured line, or of the link budget [dB]; chosen."""

@@ -124,8 +124,7 @@ class RecordedSweeps:
     @functools.cached_property
     def calm(self) -> list[np.ndarray]:
         """Which sweeps of each group hold no burst at any station (n,), all where hardly any is free."""
-        found = [np.all(s.free, axis=1) for s in self.sweeps]
-        return [calm | (calm.sum() < SPECTRUM.free_sweeps) for calm in found]
+        return [s.calm | (s.calm.sum() < SPECTRUM.free_sweeps) for s in self.sweeps]
 
     @functools.cached_property
     def freedom(self) -> np.ndarray:

@@ -87,9 +87,8 @@ class SimulatedSweeps:
         added = any(effect.stage <= Stage.FILTER for effect in received)
         way = self.way(part, effects)
         copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
-        turns = (
-            1.0 if added or distorting else 0.5
-        )  # half a turn leaves the mean of leakage, transients and even harmonics
+        # half a turn leaves the mean of leakage, transients and even harmonics
+        turns = 1.0 if added or distorting else 0.5
         each, moved = self.copies(part, effects, copies, swaying, not effects, turns, way)
         features = _mean(each, copies)
         if np.any(moved):
@@ -172,19 +171,24 @@ class SimulatedSweeps:
             shape: see there.
             as_measured: make all lines as strong as the measured ones.
         """
-        rows = part.steady.rows(np.tile(np.arange(len(part.groups)), copies))
-        rows.sweep_id = np.arange(len(rows))
-        delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
-        rows.start_delay += delays.ravel()
         if as_measured or any(effect.distorts for effect in effects):
             powers = self._needed(part, tuple(e for e in effects if not e.bursts), copies)
         else:
             amplitudes = self._amplitudes(part, copies)
             powers = amplitudes - amplitudes.mean(axis=0)
-        for number, heard in enumerate(self._recorded.heard):
-            rows.stations[heard].received_power += powers[..., number].ravel()
+        rows = self._raised(part, powers)
+        rows.sweep_id = np.arange(len(rows))
+        delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
+        rows.start_delay += delays.ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
         return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=shape)
+
+    def _raised(self, part: Part, powers: np.ndarray) -> Measurements:
+        """Return copies of a part's groups whose received power is raised by `powers` (copies, G, S) [dB]."""
+        rows = part.steady.rows(np.tile(np.arange(len(part.groups)), len(powers)))
+        for number, heard in enumerate(self._recorded.heard):
+            rows.stations[heard].received_power += powers[..., number].ravel()
+        return rows
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _needed(self, part: Part, effects: tuple[Effect, ...], copies: int) -> np.ndarray:
@@ -210,12 +214,7 @@ class SimulatedSweeps:
             for at in np.ndindex(plain.amplitude.shape):
                 of = (slice(None), *at)
                 tried = lowest[at] + steps * (highest[at] - lowest[at])
-                reached = np.interp(tried, levels[of], rise[of])
-                held = np.abs(1.0 - np.gradient(reached) / (tried[1] - tried[0]))
-                std = SIMULATION.line_known + SIMULATION.limit_known * held
-                unlikely = ((wanted[of][:, None] - reached) / std) ** 2 + 2.0 * np.log(std)
-                unlikely += ((tried - budget[of][:, None]) / SIMULATION.budget_known) ** 2
-                found[of] = tried[np.argmin(unlikely, axis=1)]
+                found[of] = _likeliest(tried, np.interp(tried, levels[of], rise[of]), wanted[of], budget[of])
             lowest, highest = found[0] - SIMULATION.limit_known, found[-1] + SIMULATION.limit_known
         return found
 
@@ -231,15 +230,12 @@ class SimulatedSweeps:
         Returns:
             rise of the lines (L, G, S) [dB].
         """
-        count, groups = len(levels), len(part.groups)
-        rows = part.steady.rows(np.tile(np.arange(groups), count))
-        for number, heard in enumerate(self._recorded.heard):
-            rows.stations[heard].received_power += levels[..., number].ravel()
-        align(part, rows, count, self._recorded.sweeps, effects)
+        rows = self._raised(part, levels)
+        align(part, rows, len(levels), self._recorded.sweeps, effects)
         bins = plain.power.shape[-1]
         width = part.extract.sweeps[self._recorded.topology.heard[0]].sample_rate / 2.0 / (bins - 1)
         near = np.abs(np.arange(bins) * width - plain.line[..., None]) < SPECTRUM.line * width
-        power = self._features(part, rows, effects, shape=False).power.reshape(count, *plain.power.shape)
+        power = self._features(part, rows, effects, shape=False).power.reshape(len(levels), *plain.power.shape)
         rise: np.ndarray = 10.0 * np.log10(
             np.sum(power, axis=-1, where=near) / np.sum(plain.power, axis=-1, where=near)
         )
@@ -295,6 +291,24 @@ class SimulatedSweeps:
 def _spread(values: np.ndarray, count: int) -> np.ndarray:
     """Return the values of `count` sweeps spread over a group's (n, ...), less the mean of all."""
     return values[np.linspace(0, len(values) - 1, count).astype(int)] - values.mean(axis=0)
+
+
+def _likeliest(tried: np.ndarray, reached: np.ndarray, wanted: np.ndarray, budget: np.ndarray) -> np.ndarray:
+    """Return which rise of the received power is the likeliest of each sweep (n,) [dB].
+
+    A line that a limit holds says little of it, since the limit's own level is to be found.
+
+    Args:
+        tried: rises of the received power, evenly spaced (M,) [dB].
+        reached: rise of the line at each (M,) [dB].
+        wanted: rise of each sweep's line (n,) [dB].
+        budget: rise of its received power by the link budget (n,) [dB].
+    """
+    held = np.abs(1.0 - np.gradient(reached) / (tried[1] - tried[0]))
+    std = SIMULATION.line_known + SIMULATION.limit_known * held
+    unlikely = ((wanted[:, None] - reached) / std) ** 2 + 2.0 * np.log(std)
+    unlikely += ((tried - budget[:, None]) / SIMULATION.budget_known) ** 2
+    return tried[np.argmin(unlikely, axis=1)]
 
 
 def _seen(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -77,6 +77,11 @@ class SweepFeatures:
         """Which sweeps hold no burst (n, S), see `quiet_sweeps`."""
         return quiet_sweeps(self.quiet, self.power)
 
+    @property
+    def calm(self) -> np.ndarray:
+        """Which sweeps hold no burst at any station (n,)."""
+        return np.asarray(np.all(self.free, axis=1))
+
 
 class Extractor:
     """Turns the samples of one or two stations, of one setting, into features."""
@@ -225,7 +230,7 @@ class Extractor:
         phases = (total + difference) / np.sqrt(2.0), self.sign * (total - difference) / np.sqrt(2.0)
         chirp = np.array([np.polyfit(time, phase, 2)[0] / np.pi for phase in phases])
         later = self.sweeps[0].start_delay + (sweeps.beat - sweeps.beat.mean()) / self.beat_per_start_delay
-        quiet: np.ndarray = np.all(sweeps.free, axis=1)
+        quiet = sweeps.calm
         if quiet.sum() < SIDEBANDS.quiet:
             quiet[:] = True
         samples = tuple(x[quiet] for x in samples)

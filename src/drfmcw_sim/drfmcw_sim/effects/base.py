@@ -34,7 +34,7 @@ class Effect:
     motion: ClassVar[Motion] = Motion.NONE
     shapes_chirp: ClassVar[bool] = False  # chirp_phase is not zero
     distorts: ClassVar[bool] = False  # not linear in the IF, so that harmonics arise
-    begins_settled: ClassVar[bool] = False  # maybe: its input may begin before the first sample
+    begins_settled: ClassVar[bool] = False  # a real one may have come to rest before the first sample
     bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
     fluctuates: ClassVar[bool] = False  # has a phase of its own in each sweep: see `in_one_sweep`
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well

@@ -194,7 +194,7 @@ def _undisturbed(sweeps: SweepFeatures, time: np.ndarray) -> np.ndarray:
 
     Where there are bursts, one may also lie where the spectrum's window ends: the phase alone shows it.
     """
-    quiet: np.ndarray = np.all(sweeps.free, axis=1)
+    quiet = sweeps.calm
     if quiet.all() or quiet.sum() < SCATTER.wander_sweeps:
         return np.ones(len(quiet), bool)
     phase = unwrapped(sweeps.carrier[quiet], time[quiet])
