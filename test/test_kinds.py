@@ -92,7 +92,7 @@ def test_a_comparison_knows_only_registered_kinds(data):
     assert set(comparison.entries.kind) == {kind.name for kind in kinds.KINDS}
 
 
-@pytest.mark.parametrize('name', ['amplitude', 'harmonic', 'piled', 'burst', 'beat', 'range'])
+@pytest.mark.parametrize('name', ['amplitude', 'harmonic', 'piled', 'beat', 'range'])
 def test_a_misfit_of_one_group_lies_at_its_distance(data, name):
     """However many numbers of a kind a group has, they count at the distance of the group."""
     comparison = Comparison(data)
@@ -105,3 +105,15 @@ def test_a_misfit_of_one_group_lies_at_its_distance(data, name):
         assert squares.shape == x.shape
         assert x[squares > 0.0] == [distance]
         assert squares.sum() == pytest.approx(9.0 * np.count_nonzero(group == wrong))
+
+
+def test_uneven_power_lies_at_all_distances(data):
+    """All sweeps together show bursts, which stand at no distance."""
+    comparison = Comparison(data)
+    (kind,) = (k for k in kinds.KINDS if k.name == 'burst')
+    rows = comparison.rows(kind, 0)
+    z = comparison.residual[rows]
+    assert set(comparison.entries.group[rows][z != 0.0]) == {0}
+    x, squares = kind.profile(comparison.recorded, z, comparison.entries.position[rows])
+    np.testing.assert_array_equal(x, comparison.recorded.distance)
+    np.testing.assert_allclose(squares, np.sum(z**2) / len(x))

@@ -178,11 +178,11 @@ def test_a_second_minimum_that_fits_as_well_widens_the_standard_deviation(behind
 
 
 def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
-    """No span of most sweeps holds twice the usual power; the spread of powers shows them."""
-    burst = {'probability': 0.3, 'level': -60.0, 'duration': 1.2e-4}
+    """Hardly any span holds twice the usual power; the largest power in windows of each sweep shows them."""
+    burst = {'probability': 0.2, 'level': -61.0, 'duration': 1.2e-4}
     comparison = compared(tmp_path / 'r', 38, Applied('interference_burst', 'slave', burst), settings=14, sweeps=24)
     loud = [np.any(s.quiet[:, 1] > SPECTRUM.burst * np.median(s.quiet[:, 1]), axis=1) for s in comparison.sweeps]
-    assert np.mean(np.concatenate(loud)) < 0.5 * burst['probability']
+    assert np.mean(np.concatenate(loud)) < 0.25 * burst['probability']
     known = {'interference_burst', 'noise_floor'}
     found = searched(Search(comparison, without=set(Effect.registry) - known), 0.01).explanation
     assert [e.key for e in found.effects] == [('interference_burst', 'slave')]

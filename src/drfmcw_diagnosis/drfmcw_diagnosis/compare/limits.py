@@ -37,6 +37,9 @@ class ModelLimits:
     bursts: float = 0.5
     """Of bursts [1], of which a group of sweeps holds a few; chosen."""
 
+    all_bursts: float = 0.2
+    """Of bursts [1], of which a recording and the sweeps simulated for it hold some hundred; chosen."""
+
     bursts_rest: float = 1.0
     """Standard deviations of the noise that bursts may leave: one that the sweep's end cuts off looks like noise;
     chosen."""
@@ -109,9 +112,6 @@ class ScatterLimits:
     turned: float = 5.0
     """Departure of a sweep's phase from its neighbours' over the usual one [1], from which on a burst has turned it;
     chosen."""
-
-    cut_off: float = 0.01
-    """Power of bursts in a group over the usual one [1], below which the sweep has cut them off; chosen."""
 
     ambiguous: float = 0.5
     """Movement from sweep to sweep over half a turn of the carrier's phase [1], from which on the range counts it;
@@ -269,6 +269,9 @@ class SimulationLimits:
 
     bursting: int = 12
     """Sweeps simulated per group, at most, where an effect comes and goes; chosen."""
+
+    least_share: float = 1e-3
+    """Share of sweeps without a burst, at least [1]; chosen: they say what there is between bursts."""
 
     turns: tuple[float, ...] = (0.0, 1.0 / 3.0, 2.0 / 3.0)
     """Phases at which an effect of random phase is simulated [turns]; derived: the fewest in which sines and their

@@ -11,7 +11,8 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
 from drfmcw_sim.measurements import Measurements
 
-from ..features.extractor import SweepFeatures, local_noise, mean_power, pooled_unevenness, quiet_sweeps, ramp_spectrum
+from ..features.extractor import SweepFeatures, local_noise, mean_power, quiet_sweeps, ramp_spectrum
+from ..features.surges import unevenness
 from .groups import Part, acted, move
 from .limits import SIMULATION
 from .noise_model import NoiseModel
@@ -44,7 +45,7 @@ class Distortion:
 class Bursts:
     """By how much bursts change what noisy sweeps show."""
 
-    uneven: np.ndarray  # (G, S, 3)
+    uneven: np.ndarray  # (S, K), of all groups together
     noise: np.ndarray  # in bands (G, S, N) [dB]
 
 
@@ -209,7 +210,6 @@ class Predictor:
         # what there is without any effect, and what noise makes of it, by the first group of a part
         self._plain: dict[int, Expected] = {}
         self._undistorted: dict[tuple[int, tuple[Effect, ...]], tuple[np.ndarray, ...]] = {}
-        self._steady: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         # where the parts' groups and their sweeps stand, part after part
         group = np.concatenate([part.groups for part in recorded.parts])
         self._group_order = np.argsort(group)
@@ -310,22 +310,51 @@ class Predictor:
         return noise, features.harmonic, features.piled
 
     def bursts(self, part: Part, effects: Sequence[Effect]) -> Bursts:
-        """Return what bursts do, by sweeps simulated among the same noise with and without them."""
-        first = int(part.groups[0])
-        if first not in self._steady:
-            self._steady[first] = self._among_noise(part, ())
-        (uneven, bands), (even, plain) = self._among_noise(part, effects), self._steady[first]
-        return Bursts(uneven - even, np.nan_to_num(bands - plain))
+        """Return what bursts do, by sweeps simulated among the same noise with and without them.
 
-    def _among_noise(self, part: Part, effects: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the unevenness (G, S, 3) and the noise in bands between bursts (G, S, N) [dB] of noisy sweeps."""
+        All of the simulated sweeps hold a burst, and count by the share of sweeps that do. Bursts of two effects rarely
+        come in one sweep.
+        """
+        steady = self._among_noise(part, None)
+        even, plain = self._mixed(part, steady, steady, 0.0)
+        each = (effect.in_each_sweep() for effect in effects if effect.bursts)
+        mixed = [self._mixed(part, steady, self._among_noise(part, always), share) for always, share in each]
+        uneven = np.sum([found - even for found, _ in mixed], axis=0)
+        noise = np.sum([np.nan_to_num(bands - plain) for _, bands in mixed], axis=0)
+        return Bursts(uneven, noise)
+
+    @functools.lru_cache(maxsize=16)  # noqa: B019 they live as long as the recording is compared
+    def _among_noise(self, part: Part, effect: Effect | None) -> tuple[np.ndarray, ...]:
+        """Return power in spans, surges, spectra (G, n, S, ...) and lines (G, S) of n noisy sweeps of each group."""
         copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
-        features = self.simulated.jittered(part, effects, True, copies, quiet=True)
-        quiet, power = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (features.quiet, features.power))
-        line = features.line.reshape(copies, count, -1).mean(axis=0)
-        spectra = [mean_power(p, quiet_sweeps(q, p)) for p, q in zip(power, quiet, strict=True)]
-        bands = [self.recorded.bands.measured(p, at, n)[0] for (p, n), at in zip(spectra, line, strict=True)]
-        return pooled_unevenness(list(quiet)), np.array(bands)
+        effects = (effect,) if effect is not None else ()
+        found = self.simulated.jittered(part, effects, True, copies, quiet=True)
+        each = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (found.quiet, found.surge, found.power))
+        return *each, found.line.reshape(copies, count, -1).mean(axis=0)
+
+    def _mixed(
+        self, part: Part, steady: tuple[np.ndarray, ...], bursting: tuple[np.ndarray, ...], share: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the unevenness (S, K) and the noise in bands between bursts (G, S, N) [dB] of sweeps of both kinds.
+
+        Args:
+            part: groups of one setting.
+            steady: sweeps without bursts, as `_among_noise` returns them.
+            bursting: sweeps each of which holds one.
+            share: of these among all.
+        """
+        (quiet, surge, power), line = (
+            (np.concatenate(x, axis=1) for x in zip(steady[:3], bursting[:3], strict=True)),
+            steady[3],
+        )
+        copies = steady[0].shape[1]
+        weights = np.repeat([max(1.0 - share, SIMULATION.least_share), share], copies)
+        uneven = [unevenness(list(quiet[:, :, i]), list(surge[:, :, i]), weights)[0] for i in range(quiet.shape[2])]
+        bands = []
+        for of_group, spectra, at in zip(quiet, power, line, strict=True):
+            free = quiet_sweeps(of_group, spectra, slice(copies)) * weights[:, None]
+            bands.append(self.recorded.bands.measured(*mean_power(spectra, free), at)[0])
+        return np.array(uneven), np.array(bands)
 
     def placed(self, part: Part, effects: Sequence[Effect], displaced: bool = False) -> tuple[Part, np.ndarray]:
         """Return where the model has its groups, and what the reference says there (G,) [m]; see `Expected`.

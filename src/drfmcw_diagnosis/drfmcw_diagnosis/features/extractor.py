@@ -45,7 +45,7 @@ from drfmcw_physics.sweep import SweepSettings
 
 from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
-from . import adc_codes, coherence, signal_ends, transient
+from . import adc_codes, coherence, signal_ends, surges, transient
 from .limits import SIDEBANDS, SPECTRUM
 
 
@@ -64,6 +64,7 @@ class SweepFeatures:
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
     piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
     quiet: np.ndarray  # (n, S, T) power of the IF without its line in equal spans of the sweep [LSB^2]
+    surge: np.ndarray  # (n, S, W) largest power in windows of that, as standard normals, see `surges.measured`
     beat: np.ndarray  # (n,) f_1 + f_2 (difference in long-distance mode), or the one line's frequency [Hz]
     amplitude: np.ndarray  # (n, S) of each line [dB of 1 LSB]
     range: np.ndarray  # (n,) from the combined delay, hardware and air taken off [m]
@@ -149,12 +150,17 @@ class Extractor:
             full_scale: ADC code of full scale [LSB].
             index: refractive index of the air (n,), or one for all.
             harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
-            quiet: compute `quiet`; otherwise it is (n, S, 0).
+            quiet: compute `quiet` and `surge`; otherwise they are (n, S, 0).
             noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
             shape: compute `ramp`, `mean`, `ends`, `baseline`, `transient`, `beat`, `amplitude`, `range`; otherwise they
                 are (n, 0), `noisy` or not, and `line` is that of a first round.
         """
-        functions = (self._harmonics, harmonic), (self._piled, harmonic), (self._without_line, quiet)
+        functions = (
+            (self._harmonics, harmonic),
+            (self._piled, harmonic),
+            (self._without_line, quiet),
+            (surges.measured, quiet),
+        )
         taken = tuple(f for f, wanted in functions if wanted)
         parts = [
             self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy, shape)
@@ -163,7 +169,7 @@ class Extractor:
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
         ramp, power, line, mean, ends, baseline, onset, beat, amplitude, delay, std, carrier, phase_std, *rest = found
         nothing = np.zeros((*line.shape, 0))
-        harmonics, piles, quiets = (rest.pop(0) if wanted else nothing for _, wanted in functions)
+        harmonics, piles, quiets, surge = (rest.pop(0) if wanted else nothing for _, wanted in functions)
         hardware = sum(c.delay for c in self.calibrations)
         velocity = SPEED_OF_LIGHT / index
         return SweepFeatures(
@@ -178,6 +184,7 @@ class Extractor:
             harmonic=harmonics,
             piled=piles[..., 0] if harmonic else np.zeros(line.shape),
             quiet=quiets,
+            surge=surge,
             beat=beat,
             amplitude=amplitude,
             range=(delay - hardware) * velocity if shape else delay,
@@ -488,7 +495,7 @@ def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
     return (1.0 - 1.0 / (9.0 * count)) ** 3
 
 
-def quiet_sweeps(quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
+def quiet_sweeps(quiet: np.ndarray, power: np.ndarray, usual: slice = slice(None)) -> np.ndarray:
     """Return which sweeps hold no burst (n, S), all of a station where hardly any is free.
 
     A strong burst at the edge of the window shows in no span, but in the spectrum.
@@ -496,69 +503,24 @@ def quiet_sweeps(quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
     Args:
         quiet: power in spans without the line (n, S, T).
         power: spectra (n, S, B).
+        usual: sweeps that say what there is usually.
     """
-    burst = np.any(quiet > SPECTRUM.burst * np.median(quiet, axis=(0, 2), keepdims=True), axis=2)
+    burst = np.any(quiet > SPECTRUM.burst * np.median(quiet[usual], axis=(0, 2), keepdims=True), axis=2)
     noise = np.median(power, axis=2)
     most = 1.0 + SPECTRUM.noisier / np.sqrt(power.shape[2])
-    free = ~burst & (noise < most * np.median(noise, axis=0))
+    free = ~burst & (noise < most * np.median(noise[usual], axis=0))
     return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
 
 
 def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)); `power` (n, S, B), `chosen` (n, S)."""
+    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)).
+
+    Args:
+        power: spectra (n, S, B).
+        chosen: which sweeps, or their weights (n, S).
+    """
     count = chosen.sum(axis=0)
     return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
-
-
-def unevenness(quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how unevenly power is spread, (S, 3), and the standard deviation under steady noise.
-
-    Logarithm of the mean of the spans' squares over the sweeps, over its median; the share of sweeps with a span of
-    more than `SPECTRUM.burst` times the median, and the share of such spans.
-
-    Args:
-        quiet: power of n sweeps in spans (n, S, T).
-    """
-    n, _, spans = quiet.shape
-    square, values = _spread(quiet / np.median(quiet, axis=(0, 2), keepdims=True))
-    middle = np.median(square, axis=0)
-    spread = 1.4826 * np.median(np.abs(square - middle), axis=0)  # of normal noise
-    least = 2.0 / np.sqrt(SPECTRUM.span * spans)  # of white noise in I and Q, the evenest there is
-    _, sweeps, share = values.T
-    return values, np.stack(
-        [
-            np.maximum(spread / middle, least) / np.sqrt(n),  # of mean less median
-            np.sqrt((sweeps * (1.0 - sweeps) + 1.0 / n) / n),
-            np.sqrt((share + 1.0 / (n * spans)) / n),  # spans of one burst come together
-        ],
-        axis=1,
-    )
-
-
-def pooled_unevenness(groups: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the `unevenness` (G, S, 3) that each group would have with the bursts of all groups' sweeps.
-
-    A few sweeps hold no burst by chance, which the logarithm would weigh too much. A burst has its power whatever the
-    noise of a group; the noise between bursts counts over its own median.
-    """
-    medians = np.array([np.median(quiet, axis=(0, 2)) for quiet in groups])
-    own = np.repeat(medians, [len(quiet) for quiet in groups], axis=0)[:, :, None]
-    power = np.concatenate(groups)
-    over = power / own
-    loud = over > SPECTRUM.burst
-    here = (np.where(loud, 1.0 + (power - own) / median[:, None], over) for median in medians)
-    return np.stack([_spread(x)[1] for x in here])
-
-
-def _spread(over: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each sweep's mean square of its spans (n, S), and how uneven they are, see `unevenness` (S, 3).
-
-    Args:
-        over: power in spans over the usual one (n, S, T).
-    """
-    square, loud = np.mean(over**2, axis=2), over > SPECTRUM.burst
-    shares = np.mean(loud.any(axis=2), axis=0), np.mean(loud, axis=(0, 2))
-    return square, np.stack([np.log(square.mean(axis=0) / np.median(square, axis=0)), *shares], axis=1)
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

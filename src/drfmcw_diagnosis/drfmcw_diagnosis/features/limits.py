@@ -171,7 +171,80 @@ class SpectrumLimits:
     """Of the noise [1], below which a line leaves the median of its band alone; chosen."""
 
 
+@dataclasses.dataclass(frozen=True)
+class SurgeLimits:
+    """How surges of the power within a sweep are found."""
+
+    windows: tuple[int, ...] = (32, 64, 128, 256, 512)
+    """Lengths of windows [samples]; chosen: bursts of these and similar lengths stand out in one of them."""
+
+    block: int = 32
+    """Neighbouring bins that share a median; chosen."""
+
+    fewest_blocks: int = 4
+    """Blocks of bins beside a line, at least; chosen."""
+
+    taper: float = 0.15
+    """Share of the sweep over which its window rises, and falls [1]; chosen: a line is then some ten bins wide."""
+
+    inside: float = 0.5
+    """Mean square of that window in a window that is looked at, at least [1]; chosen."""
+
+    highest: float = 2.8
+    """Magnitude of a bin over that of the noise, to which a line is held down [1]; chosen: noise exceeds it with a
+    chance of 4e-4."""
+
+    line: float = 4.5
+    """Magnitude of a bin over that of the noise from which on it is a line's [1]; chosen: noise exceeds it with a
+    chance of 2e-9."""
+
+    leaked: float = 0.3
+    """What a line may leave in a bin, over the noise [1]; chosen."""
+
+    fewest_points: int = 2
+    """Independent powers of a window, at least; chosen."""
+
+    fewest_windows: int = 8
+    """Windows of a sweep, at least; chosen."""
+
+    below: float = 0.1587
+    """Share of the powers below one standard deviation under their median [1]; derived (normal)."""
+
+    least_spread: float = 0.5
+    """Spread of the powers over that of white noise, at least [1]; chosen."""
+
+    usual: float = 2.5
+    """Standard deviations that the largest power of a steady sweep may have; chosen: the largest of some hundred."""
+
+    sure: float = 1.5
+    """Standard deviations beyond these, from which on a sweep surely holds a burst; chosen."""
+
+    groups: int = 96
+    """Groups of sweeps of white noise that show what steady noise does; chosen."""
+
+    group: int = 12
+    """Sweeps of each; chosen."""
+
+    seed: int = 20071
+    """Of these; chosen."""
+
+    least_std: float = 1e-3
+    """Standard deviation of a score, at least [1]; chosen: windows too long for a sweep have none."""
+
+    singular: float = 1e-2
+    """Added to the variances of scores, of which each is one [1]; chosen: neighbouring windows score nearly alike."""
+
+    skewed: float = 0.5
+    """Logarithm of the mean square of steady noise over its median, by its squared spread [1]; derived: 1/2 of a
+    lognormal distribution."""
+
+    uncertain: float = 1.15
+    """By which standard deviations of means of scores are larger than those of white noise [1]; chosen: the noise of
+    oscillators is not quite as steady."""
+
+
 CODES = CodeLimits()
 SIDEBANDS = SidebandLimits()
 SINES = SineLimits()
 SPECTRUM = SpectrumLimits()
+SURGES = SurgeLimits()

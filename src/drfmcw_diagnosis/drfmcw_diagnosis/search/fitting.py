@@ -445,17 +445,13 @@ class Fitting:
         return float(np.sum(self.whitening(self.comparison.residual - template) ** 2))
 
     def gain_over(self, fitted: 'Fitted', without: 'Fitted') -> float:
-        """Return twice the log likelihood of an explanation over that of one without some of its effects.
+        """Return by how much an explanation lessens the misfit of one without some of its effects.
 
-        Each has its own doubt: what an effect adds is uncertain only if it is there. Numbers that it leaves out as too
-        uncertain count as uncertain by all that it adds to them.
+        Numbers count as without these effects: what bursts add is uncertain only if there are any.
         """
-        weights = [self.whitening_of(f).weight for f in (without, fitted)]
-        used = weights[0] > 0.0
-        other, own = (w[used] for w in weights)
-        before, after = ((self.comparison.residual - f.template)[used] for f in (without, fitted))
-        own = np.where(own > 0.0, own, other / np.hypot(1.0, (before - after) * other))
-        return float(np.sum((before * other) ** 2 - (after * own) ** 2 + 2.0 * np.log(own / other)))
+        whitening = self.whitening_of(without)
+        before, after = (whitening(self.comparison.residual - f.template) for f in (without, fitted))
+        return float(before @ before - after @ after)
 
     def trust(self, fitted: 'Fitted | None') -> None:
         """Trust the forward models to a fraction of what they add: differences below it count as noise."""

@@ -221,8 +221,8 @@ class ScanLimits:
     top: int = 17
     """Points around each of them [1]; chosen."""
 
-    faint_bursts: tuple[tuple[float, float], ...] = ((0.1, 3e-5), (0.1, 1e-4), (0.3, 3e-5), (0.3, 1e-4), (0.3, 3e-4))
-    """Probability [1] and duration [s] of faint bursts that are tried; chosen."""
+    surges: tuple[float, ...] = (1.0, 2.0, 4.0)
+    """Standard deviations beyond those of a steady sweep to which bursts raise the power; chosen."""
 
     faint: float = 12.0
     """Gain below which no sway is tried [1]; chosen."""

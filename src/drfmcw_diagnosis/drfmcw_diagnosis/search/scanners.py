@@ -24,8 +24,9 @@ from drfmcw_sim.effects import Recipe
 from ..compare.comparison import Comparison
 from ..compare.limits import SCATTER
 from ..features.extractor import ramp_spectrum
-from ..features.limits import SPECTRUM
+from ..features.limits import SPECTRUM, SURGES
 from ..features.sines import strongest, waves, without
+from ..features.surges import surge_power
 from .limits import SCAN
 
 Values = Sequence[float | tuple[float, ...]]
@@ -405,24 +406,21 @@ def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -
             for more, higher in ((1.0, 0.0), (1.2, 0.0), (1.5, -2.0))
         ]
     if share < SCAN.loud:
-        for probability, duration in SCAN.faint_bursts:
-            ratio = _faint(c, station, probability * duration / sweep.ramp_duration)
-            if ratio > 0.0:
-                found.append((probability, level(ratio * float(np.mean(steady))), duration))
+        noise = float(np.mean(steady))
+        for window, held in zip(SURGES.windows, _held(c, station), strict=True):
+            for beyond in SCAN.surges if held > 0.0 else ():
+                power = noise * surge_power(window, beyond)
+                found.append((min(held * (1.0 + 1.0 / beyond), 1.0), level(power), window / sweep.sample_rate))
     return found
 
 
-def _faint(c: Comparison, station: int, covered: float) -> float:
-    """Return the power of bursts over that of the noise that makes the squared powers of spans as uneven as measured.
-
-    Args:
-        c: recording and model.
-        station: its number.
-        covered: share of all spans that lie in a burst.
-    """
-    uneven, std = c.measured.burst[:, station, 0], c.std.burst[:, station, 0]
-    mean = float(np.average(uneven, weights=1.0 / std**2))
-    return math.sqrt(1.0 + math.expm1(max(mean, 0.0)) / covered) - 1.0
+def _held(c: Comparison, station: int) -> np.ndarray:
+    """Return the share of sweeps in which the power rises in windows (W,), beyond that of steady noise."""
+    shares = slice(-len(SURGES.windows), None)
+    values, std = (x.burst[:, station, shares] for x in (c.measured, c.std))
+    over = values - c.plain.burst[:, station, shares]
+    weights = 1.0 / std**2
+    return np.asarray(np.sum(over * weights, axis=0) / np.maximum(weights.sum(axis=0), np.finfo(float).tiny))
 
 
 def _free_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:

@@ -77,6 +77,10 @@ class Effect:
         """
         return self
 
+    def in_each_sweep(self) -> tuple['Effect', float]:
+        """Return an effect that does in every sweep what this one does in some, and the share of these [0..1]."""
+        return self, 1.0
+
     def prepare(self, m: Measurements) -> None:
         """Change clocks, delays, paths, powers or noise of the measurements, in place."""
 

@@ -43,6 +43,10 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
     )
     duration: float = parameter(unit='s', bounds=(0.0, 100.0), description='length of a burst')
 
+    def in_each_sweep(self) -> tuple[Effect, float]:
+        """Return bursts that come in every sweep, and the share of sweeps that hold one."""
+        return dataclasses.replace(self, probability=1.0), self.probability
+
     def receive(
         self,
         signal: np.ndarray,

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from ...features.extractor import unevenness
-from ...features.limits import SIDEBANDS
-from ..groups import pooled
-from ..limits import MODEL, SCATTER
+from ...features.limits import SIDEBANDS, SURGES
+from ...features.surges import Steady, steady, unevenness
+from ..groups import Part, pooled
+from ..limits import MODEL
 from ..measuring import Evidence
 from ..predicting import Expected
 from ..recorded_sweeps import RecordedSweeps
@@ -17,42 +17,63 @@ from .kind import Kind, Measured, Of, Plotted, Shown, Trust, at_distance
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Burst(Kind):
-    """How unevenly the power beside the line is spread (G, S, 3), see `features.extractor.unevenness`."""
+    """How unevenly the power beside the line is spread (G, S, 1 + 2 W), see `features.surges.unevenness`.
+
+    Bursts come whatever the distance, and a group holds a few of them by chance. So all groups of a setting have one
+    set of numbers, which stands at the first of them, and settings are compared together.
+    """
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the unevenness of each group; nothing is compared where sweeps are too few to scatter.
+        """Return the unevenness of all sweeps; nothing is compared where groups are too small to scatter.
 
-        Bursts may be why sweeps were left out, so groups that are whole say how often they come. A group that holds
-        none by chance, or the end of one that the sweep cuts off, says nothing of their power.
+        Bursts may be why sweeps were left out, so groups that are whole say how often they come.
         """
         recorded, sweeps = evidence.recorded, evidence.recorded.sweeps
-        if not recorded.scatters:
-            shape = (len(sweeps), len(recorded.heard), 3)
-            return np.zeros(shape), np.full(shape, np.inf)
-        values, std = evidence.by_group(lambda g: unevenness(sweeps[g].quiet))
-        if recorded.whole.any():
-            std[~recorded.whole] = np.inf
-        loud = (values[..., 1] > 0.0) & np.isfinite(std[..., 1])
-        for held, beyond in zip(loud.T, values[..., 0].T, strict=True):
-            excess = beyond[held] + np.log(-np.expm1(-np.maximum(beyond[held], 1e-9)))  # of the power, log of it
-            if held.any():
-                held[held] = excess > np.median(excess) + np.log(SCATTER.cut_off)
-        std[..., 0] = np.where(loud | ~loud.any(axis=0), std[..., 0], np.inf)
+        shape = (len(sweeps), len(recorded.heard), 1 + 2 * len(SURGES.windows))
+        values, std = np.zeros(shape), np.full(shape, np.inf)
+        for part in recorded.parts if recorded.scatters else ():
+            whole = [sweeps[g] for g in part.groups if recorded.whole[g] or not recorded.whole[part.groups].any()]
+            count, first = sum(len(s.line) for s in whole), int(part.groups[0])
+            for i in range(shape[1]):
+                values[first, i], std[first, i, 0] = unevenness(
+                    [s.quiet[:, i] for s in whole], [s.surge[:, i] for s in whole]
+                )
+                steady = _steady(part, i)
+                if steady is not None:
+                    std[first, i, 1:] = steady.std * SURGES.uncertain * np.sqrt(1.0 / count + 1.0 / steady.count)
         return values, std
 
     def predicted(self, expected: Expected) -> np.ndarray:
-        """Return what bursts add to the unevenness of steady noise."""
+        """Return the unevenness of steady noise and what bursts add to it."""
+        values = np.zeros((*expected.features.line.shape, 1 + 2 * len(SURGES.windows)))
+        for i in range(values.shape[1]):
+            steady = _steady(expected.part, i)
+            values[:, i, 1:] = steady.mean if steady is not None else 0.0
         if expected.bursting:
-            return expected.bursts.uneven
-        return np.zeros((*expected.features.line.shape, 3))
+            values[0] += expected.bursts.uneven
+        return values
+
+    def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
+        """Return numbers of all settings beyond those of steady noise, at the first, as uncorrelated normals."""
+        over, weight = (values - plain) / std, 1.0 / std
+        first = [int(part.groups[0]) for part in recorded.parts]
+        together = np.sum((over * weight)[first], axis=0) / np.maximum(
+            np.sqrt(np.sum(weight[first] ** 2, axis=0)), np.finfo(float).tiny
+        )
+        over[:] = 0.0
+        for i, numbers in enumerate(together):
+            steady = _steady(recorded.parts[0], i)
+            if steady is not None:
+                numbers[1:] = steady.apart @ numbers[1:]
+            over[first[0], i] = numbers
+        return over
 
     def by_chance(self, added: np.ndarray, std: np.ndarray) -> np.ndarray:
-        """Return how far what bursts add is off by chance: of a mean square, whose logarithm is less so if large."""
-        doubt, scale = super().by_chance(added, std).reshape(-1, 3), std.reshape(-1, 3)[:, 0]
-        known = np.isfinite(scale)
-        more = -np.expm1(-np.abs(added.reshape(-1, 3)[known, 0]) * scale[known])
-        doubt[known, 0] = (self.trust.beside_bursts or 0.0) * more / scale[known]
-        return doubt.ravel()
+        """Return how far what bursts add is off by chance: which bursts there are differs in every number."""
+        numbers = added.reshape(-1, 1 + 2 * len(SURGES.windows))
+        usual = np.sqrt(np.mean(numbers**2, axis=1, keepdims=True))
+        chance: np.ndarray = MODEL.all_bursts * np.hypot(numbers, usual)
+        return chance.ravel()
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Doubt all of a distorted station: the stronger sweeps are distorted more, harmonics come and go as bursts."""
@@ -60,6 +81,25 @@ class Burst(Kind):
             by_station = size.reshape(len(explained.recorded.members), len(explained.recorded.heard), -1)
             by_station[:, list(explained.distorted)] = np.inf
         return size
+
+    def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares over the distance, the same at all."""
+        at, squares = super().profile(recorded, z, positions)
+        return at, np.full(len(squares), squares.mean())
+
+    def plotted(self, shown: Shown) -> Plotted:
+        """Return by how much the power rises in sweeps, over the length of windows [samples]."""
+        rise = slice(1, 1 + len(SURGES.windows))
+        residual, std, curve = (shown.of_row(v)[shown.group, rise] for v in (shown.residual, shown.std, shown.curve))
+        known = np.isfinite(std)
+        x = np.array(SURGES.windows, float)
+        return Plotted(x[known], residual[known], std[known], curve[known], self.unit)
+
+
+def _steady(part: Part, station: int) -> Steady | None:
+    """Return what steady noise makes of the scores of a station with samples."""
+    extract = part.extract
+    return steady(extract.sweeps[extract.topology.heard[station]], extract.topology.iq)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -162,7 +202,7 @@ BURST = Burst(
     level='noise',
     axis='range',
     label='bursts of noise',
-    trust=Trust(beside_bursts=MODEL.bursts),
+    trust=Trust(beside_bursts=MODEL.all_bursts),
 )
 NOISE = Noise(
     name='noise',
