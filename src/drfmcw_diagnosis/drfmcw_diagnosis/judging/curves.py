@@ -55,7 +55,7 @@ class CurveLimits:
     clearly: float = 30.0
     """Gain by which a curve must exceed that of any effect to be set aside [1]; chosen."""
 
-    prior: float = 5.0
+    prior: float = 3.0
     """Standard deviation of a curve's coefficients that is set aside, over those found [1]; chosen: what is far larger
     is no part of it."""
 
