@@ -37,7 +37,7 @@ class ModelLimits:
     bursts: float = 0.5
     """Of bursts [1], of which a group of sweeps holds a few; chosen."""
 
-    all_bursts: float = 0.2
+    all_bursts: float = 0.1
     """Of bursts [1], of which a recording and the sweeps simulated for it hold some hundred; chosen."""
 
     bursts_rest: float = 1.0

@@ -184,11 +184,14 @@ class SurgeLimits:
     fewest_blocks: int = 4
     """Blocks of bins beside a line, at least; chosen."""
 
-    taper: float = 0.15
+    taper: float = 0.1
     """Share of the sweep over which its window rises, and falls [1]; chosen: a line is then some ten bins wide."""
 
     inside: float = 0.5
     """Mean square of that window in a window that is looked at, at least [1]; chosen."""
+
+    most_tilted: float = 0.5
+    """Change of the noise from the middle of all sweeps to their ends that is taken out, at most [1]; chosen."""
 
     highest: float = 2.8
     """Magnitude of a bin over that of the noise, to which a line is held down [1]; chosen: noise exceeds it with a

@@ -34,7 +34,7 @@ def measured(samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sw
     in sweeps too short for it.
 
     Args:
-        samples: of a station (n, N), real or complex [LSB].
+        samples: of a station (n, N), real or complex [LSB]; what changes the noise in most of them alike is no surge.
         frequency: of its line (n,) [Hz].
         weights: of the analysis window (N,), zero outside.
         sweep: its settings.
@@ -228,8 +228,12 @@ def _largest(beside: np.ndarray, flat: np.ndarray, count: int, share: float) -> 
         count: samples of the sweep.
         share: of the bins that are not zero.
     """
-    series = np.fft.ifft(beside, axis=1)
-    power = np.cumsum(np.pad(series.real**2 + series.imag**2, ((0, 0), (1, 0))), axis=1)
+    power = np.abs(np.fft.ifft(beside, axis=1)) ** 2
+    # a gain that changes over all sweeps alike tilts the noise
+    place = np.linspace(-1.0, 1.0, len(flat))
+    tilt = np.median((power @ place) / np.sum(flat**2 * place**2) / (power.sum(axis=1) / np.sum(flat**2)))
+    power /= 1.0 + np.clip(tilt, -SURGES.most_tilted, SURGES.most_tilted) * place
+    power = np.cumsum(np.pad(power, ((0, 0), (1, 0))), axis=1)
     expected = np.cumsum(np.pad(flat**2, (1, 0)))
     found = np.zeros((len(beside), len(SURGES.windows) + 1))
     for number, window in enumerate(SURGES.windows):
