@@ -1,5 +1,6 @@
 """Which sweeps of a recording are compared, and their features, group by group."""
 
+import dataclasses
 import functools
 import itertools
 
@@ -12,6 +13,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
+from ..features import uneven_blocks
 from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths, mean_power, near_line
 from ..features.limits import SPECTRUM
 from ..features.noise_bands import NoiseBands
@@ -34,7 +36,8 @@ class RecordedSweeps:
         unsound: how many sweeps were left out, as their lines were not where they should be.
         whole: groups of which no sweep was left out for that (G,).
         parts: the groups by setting.
-        sweeps: features of each group's members.
+        sweeps: features of each group's members, without uneven blocks of the ramp.
+        left_out: which blocks these are (G, 2 S, K), see `features.uneven_blocks`.
         shares: of each group's quiet members in the coherence (m, C).
         slope: of the reference in each group (G,) [m/s].
         slope_std: its standard deviation (G,), inf where there is no reference.
@@ -199,6 +202,17 @@ class RecordedSweeps:
                 shares[g] = part.extract.shared_noise(samples, sweeps[g])
         self.sweeps = [sweeps[g] for g in range(len(self.members))]
         self.shares = [shares[g] for g in range(len(self.members))]
+        self.left_out = np.stack([uneven_blocks.uneven(s.ramp[s.calm]) for s in self.sweeps])
+        self.sweeps = [
+            dataclasses.replace(s, ramp=self.without_uneven(s.ramp, np.full(len(s.ramp), g)))
+            for g, s in enumerate(self.sweeps)
+        ]
+
+    def without_uneven(self, ramp: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Return the ramps (n, 2 S, K) of sweeps of groups (n,) without the blocks left out there."""
+        if not self.left_out.any():
+            return ramp
+        return uneven_blocks.without(ramp, self.left_out[group], len(self.heard))
 
     def _sound(self, group: int) -> np.ndarray:
         """Return which sweeps of a group have their lines where they should be, clear of 0 Hz and of Nyquist (n,).

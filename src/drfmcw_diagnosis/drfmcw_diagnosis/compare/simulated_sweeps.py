@@ -267,7 +267,11 @@ class SimulatedSweeps:
         samples = synthesise(rows, 0, effects, noise, False, copies)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
         full_scale = rows.stations[self._recorded.heard[0]].full_scale
-        return part.extract(heard, full_scale, rows.refractive_index, harmonic, quiet, noisy=False, shape=shape)
+        found = part.extract(heard, full_scale, rows.refractive_index, harmonic, quiet, noisy=False, shape=shape)
+        if not shape:
+            return found
+        group = np.resize(part.groups, len(rows))
+        return dataclasses.replace(found, ramp=self._recorded.without_uneven(found.ramp, group))
 
     def _times(self, group: int, count: int) -> np.ndarray:
         """Return times spread over a group's sweeps, from their mean [s] (count,)."""

@@ -246,6 +246,18 @@ class SurgeLimits:
     oscillators is not quite as steady."""
 
 
+@dataclasses.dataclass(frozen=True)
+class BlockLimits:
+    """Which blocks of the ramp are left out."""
+
+    sweeps: int = 4
+    """Sweeps of a group that show how a block scatters; chosen."""
+
+    uneven: float = 4.0
+    """Scatter of a block over that of most [1], from which on it is left out; chosen: noise alone stays below 3."""
+
+
+BLOCKS = BlockLimits()
 CODES = CodeLimits()
 SIDEBANDS = SidebandLimits()
 SINES = SineLimits()
