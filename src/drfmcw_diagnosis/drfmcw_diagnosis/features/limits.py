@@ -190,8 +190,11 @@ class SurgeLimits:
     inside: float = 0.5
     """Mean square of that window in a window that is looked at, at least [1]; chosen."""
 
-    most_tilted: float = 0.5
-    """Change of the noise from the middle of all sweeps to their ends that is taken out, at most [1]; chosen."""
+    course: int = 3
+    """Degree of the course of the noise over all sweeps, which is taken out [1]; chosen."""
+
+    lowest: float = 0.3
+    """Of the mean noise that this course may fall to [1]; chosen."""
 
     highest: float = 2.8
     """Magnitude of a bin over that of the noise, to which a line is held down [1]; chosen: noise exceeds it with a

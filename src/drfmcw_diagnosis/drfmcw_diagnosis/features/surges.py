@@ -10,6 +10,7 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.polynomial import legendre
 from scipy.ndimage import minimum_filter1d
 
 from drfmcw_physics.sweep import SweepSettings
@@ -114,7 +115,8 @@ def unevenness(
         surge: of the same, as `measured` (n, W + 1).
         weights: of the sweeps of each group (n,); None: all count alike.
     """
-    over = [x / _median(x, weights) for x in quiet]
+    # what changes over all sweeps of a group alike is no burst; simulated sweeps have no such course
+    over = [x / (np.median(x, axis=0) if weights is None else _median(x, weights)) for x in quiet]
     square = np.concatenate([np.mean(x**2, axis=1) for x in over])
     each = np.concatenate([scores(x, weights) for x in surge])
     every = None if weights is None else np.tile(weights, len(quiet))
@@ -219,6 +221,19 @@ def _between(blocks: np.ndarray, count: int) -> np.ndarray:
     return result
 
 
+def _course(power: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """Return how the noise changes over most of the sweeps (M,): a gain, or the line itself, changes over each alike.
+
+    Args:
+        power: over each sweep (n, M).
+        flat: window over the sweep (M,).
+    """
+    shapes = legendre.legvander(np.linspace(-1.0, 1.0, len(flat)), SURGES.course).T
+    sizes = power @ np.linalg.pinv(flat**2 * shapes)  # (n, 1 + course)
+    usual = np.median(sizes / sizes[:, :1], axis=0)
+    return np.asarray(np.maximum(usual @ shapes, SURGES.lowest))
+
+
 def _largest(beside: np.ndarray, flat: np.ndarray, count: int, share: float) -> np.ndarray:
     """Return the largest power in windows, as standard normals by Wilson and Hilferty (1931), and its spread.
 
@@ -229,10 +244,7 @@ def _largest(beside: np.ndarray, flat: np.ndarray, count: int, share: float) -> 
         share: of the bins that are not zero.
     """
     power = np.abs(np.fft.ifft(beside, axis=1)) ** 2
-    # a gain that changes over all sweeps alike tilts the noise
-    place = np.linspace(-1.0, 1.0, len(flat))
-    tilt = np.median((power @ place) / np.sum(flat**2 * place**2) / (power.sum(axis=1) / np.sum(flat**2)))
-    power /= 1.0 + np.clip(tilt, -SURGES.most_tilted, SURGES.most_tilted) * place
+    power /= _course(power, flat)
     power = np.cumsum(np.pad(power, ((0, 0), (1, 0))), axis=1)
     expected = np.cumsum(np.pad(flat**2, (1, 0)))
     found = np.zeros((len(beside), len(SURGES.windows) + 1))
