@@ -9,7 +9,7 @@ import signal
 
 from setup import stamp
 
-_MOST_WORKERS = 4  # of the tests: many of them start processes of their own
+_MOST_WORKERS = 6  # of the tests: many of them start processes of their own
 
 
 def execute(root, module, arguments):
@@ -27,8 +27,10 @@ def execute(root, module, arguments):
         environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
         environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         if not arguments:
-            # All tests: each file on one core, so that its tests share what they set up.
-            arguments = ["-n", str(min(os.cpu_count() or 1, _MOST_WORKERS)), "--dist", "loadfile"]
+            # All tests: each file in one process, so that its tests share what they set up. Those of graphs mostly
+            # wait, so there is a worker more for every two cores.
+            cores = os.cpu_count() or 1
+            arguments = ["-n", str(min(cores + (cores + 1) // 2, _MOST_WORKERS)), "--dist", "loadfile"]
         # Without a path pytest looks for pyproject.toml in the current directory.
         arguments = ["--rootdir", root, "-c", os.path.join(root, "pyproject.toml")] + arguments
         os.chdir(root)

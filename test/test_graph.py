@@ -77,9 +77,11 @@ class Site:
         self.monitor.create_subscription(DiagnosticArray, '/diagnostics', diagnose, qos.RELIABLE)
         self.monitor.create_subscription(ReferenceRange, '/reference/range', refer, qos.RELIABLE)
 
-    def start(self, scenario: Path, simulator: dict[str, Any], record: Path | None = None) -> None:
-        """Start everything that a scenario needs."""
-        start_graph(self.graph, scenario, read_scenario(scenario), simulator, self.monitor, record)
+    def start(
+        self, scenario: Path, simulator: dict[str, Any], record: Path | None = None, file: Path | None = None
+    ) -> None:
+        """Start everything that a scenario needs, with parameters from a file."""
+        start_graph(self.graph, scenario, read_scenario(scenario), simulator, self.monitor, record, file=file)
 
     def wait(self, condition: Any, what: str) -> None:
         """Wait for a condition; failing that, show what the processes said."""

@@ -105,10 +105,11 @@ def test_rates_change_while_everything_runs(unequal, tmp_path):
     """Asked of fusion, granted by the hardware, kept by the sweeps; a pair that never had a range is no exception."""
     scenario = read_scenario(unequal)
     pairs = pair_names(scenario)
-    recording = tmp_path / 'recording'
+    recording, patient = tmp_path / 'recording', tmp_path / 'patient.yaml'
+    # a busy machine makes no sweep late
+    patient.write_text(yaml.safe_dump({'/fusion': {'ros__parameters': {'pair_time_limit': 60.0}}}))
     with site(tmp_path, pairs) as live:
-        live.start(unequal, {}, record=recording)
-        assert live.set_parameter('/fusion', 'pair_time_limit', 60.0)[0]  # a busy machine makes no sweep late
+        live.start(unequal, {}, record=recording, file=patient)
 
         def numbers(pair, since=0):
             return [a.sweep_id for a in list(live.monitor.arrivals) if a.pair == pair and a.sweep_id >= since]
