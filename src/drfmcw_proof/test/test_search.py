@@ -322,3 +322,13 @@ def test_steep_noise_near_the_line_is_no_modulation(tmp_path, shape, effects, ve
     judgement = judged(search, searched(search, 0.01), 0.01)
     assert judgement.verdict == verdict
     assert {e.key[0] for e in (judgement.explanation.effects if judgement.explanation else ())} == named
+
+
+def test_twins_promise_the_same(tmp_path):
+    """A delay and an error of the reference add the same to every range, whatever else is set aside there."""
+    search = Search(compared(tmp_path / 'r', 21))
+    one, other = (
+        next(t for c, t in zip(search.bank, search.templates, strict=True) if c.effect == effect)
+        for effect in ('delay_offset', 'reference_offset')
+    )
+    assert abs(float(one @ other)) > 0.99999 * float(np.linalg.norm(one) * np.linalg.norm(other))

@@ -19,7 +19,7 @@ class AirRefractivity(Effect, name='air_refractivity', of=Of.PATH):
     formula = 'n → n + 10⁻⁶ offset; τ → τ + 10⁻⁶ offset R / c, 1 N-unit is 1 mm per km'
     example = {'offset': 10.0}
     error_of = Stated.AIR
-    recipes = (Recipe('offset', {'offset': 1.0}, {'offset': 100.0}),)
+    recipes = (Recipe('offset', {'offset': 20.0}, {'offset': 100.0}),)
 
     offset: float = parameter(
         unit='1e-6', bounds=(-500.0, 500.0), description='difference in N-units, added to the refractivity'

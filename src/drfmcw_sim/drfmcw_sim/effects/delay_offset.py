@@ -20,7 +20,7 @@ class DelayOffset(Effect, name='delay_offset', of=Of.PATH):
     movable = True
     of_hardware = True
     error_of = Stated.DELAY
-    recipes = (Recipe('delay', {'delay': 0.01}, {'delay': 10.0}),)
+    recipes = (Recipe('delay', {'delay': 0.3}, {'delay': 10.0}),)
 
     delay: float = parameter(unit='ns', bounds=(-1e3, 1e3), description='added to the delay of the path')
 

@@ -18,7 +18,7 @@ class DelayTemperature(Effect, name='delay_temperature', of=Of.STATION):
     formula = 'τ → τ + 10⁻¹² slope (board temperature − calibration temperature)'
     example = {'slope': 5.0}
     error_of = Stated.DELAY_SLOPE
-    recipes = (Recipe('slope', {'slope': 0.5}, {'slope': 50.0}),)
+    recipes = (Recipe('slope', {'slope': 10.0}, {'slope': 50.0}),)
 
     slope: float = parameter(
         unit='ps/K', bounds=(-1e4, 1e4), description='change of the delay per kelvin of board temperature'

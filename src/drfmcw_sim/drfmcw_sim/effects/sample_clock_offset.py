@@ -21,7 +21,7 @@ class SampleClockOffset(Effect, name='sample_clock_offset', of=Of.STATION):
     recipes = (
         Recipe(
             'deviation',
-            start={'deviation': 0.2},
+            start={'deviation': 5.0},
             prior={'deviation': 50.0},
             incoherence={'deviation': 0.05},  # noise is compared sample by sample, and the clocks run apart
         ),
