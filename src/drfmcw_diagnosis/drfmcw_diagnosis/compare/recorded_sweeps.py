@@ -202,7 +202,7 @@ class RecordedSweeps:
                 shares[g] = part.extract.shared_noise(samples, sweeps[g])
         self.sweeps = [sweeps[g] for g in range(len(self.members))]
         self.shares = [shares[g] for g in range(len(self.members))]
-        self.left_out = np.stack([uneven_blocks.uneven(s.ramp[s.calm]) for s in self.sweeps])
+        self.left_out = uneven_blocks.uneven([s.ramp[s.calm] for s in self.sweeps])
         self.sweeps = [
             dataclasses.replace(s, ramp=self.without_uneven(s.ramp, np.full(len(s.ramp), g)))
             for g, s in enumerate(self.sweeps)

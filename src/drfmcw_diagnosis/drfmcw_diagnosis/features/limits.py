@@ -219,8 +219,9 @@ class SurgeLimits:
     least_spread: float = 0.5
     """Spread of the powers over that of white noise, at least [1]; chosen."""
 
-    usual: float = 2.5
-    """Standard deviations that the largest power of a steady sweep may have; chosen: the largest of some hundred."""
+    usual: tuple[float, ...] = (2.7, 2.5, 2.3, 2.0, 1.7)
+    """Standard deviations that the largest power of a steady sweep may have in windows of each length; chosen: of a
+    third to a sixth of sweeps of 2048 samples it has more, so that the mean over some hundred sweeps is normal."""
 
     sure: float = 1.5
     """Standard deviations beyond these, from which on a sweep surely holds a burst; chosen."""
@@ -255,6 +256,9 @@ class BlockLimits:
 
     sweeps: int = 4
     """Sweeps of a group that show how a block scatters; chosen."""
+
+    groups: float = 0.3
+    """Share of groups in which a block is uneven, at least [1]; chosen."""
 
     uneven: float = 4.0
     """Scatter of a block over that of most [1], from which on it is left out; chosen: noise alone stays below 3."""

@@ -17,6 +17,8 @@ from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SPECTRUM, SURGES
 
+_TINY = float(np.finfo(np.float32).tiny)
+
 
 @dataclasses.dataclass(frozen=True)
 class Steady:
@@ -68,7 +70,7 @@ def scores(surge: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
         weights: of the sweeps (n,); None: all count alike.
     """
     spread = max(float(np.average(surge[:, -1], weights=weights)), SURGES.least_spread)
-    over = np.maximum(surge[:, :-1] / spread - SURGES.usual, 0.0)
+    over = np.maximum(surge[:, :-1] / spread - np.array(SURGES.usual), 0.0)
     return np.concatenate([np.log1p(over), np.minimum(over / SURGES.sure, 1.0)], axis=1)
 
 
@@ -116,7 +118,8 @@ def unevenness(
         weights: of the sweeps of each group (n,); None: all count alike.
     """
     # what changes over all sweeps of a group alike is no burst; simulated sweeps have no such course
-    over = [x / (np.median(x, axis=0) if weights is None else _median(x, weights)) for x in quiet]
+    usual = (np.median(x, axis=0) if weights is None else _median(x, weights) for x in quiet)
+    over = [x / np.maximum(middle, _TINY) for x, middle in zip(quiet, usual, strict=True)]
     square = np.concatenate([np.mean(x**2, axis=1) for x in over])
     each = np.concatenate([scores(x, weights) for x in surge])
     every = None if weights is None else np.tile(weights, len(quiet))
@@ -146,7 +149,8 @@ def surge_power(window: int, beyond: float) -> float:
         beyond: standard deviations beyond those of a steady sweep.
     """
     # by Wilson and Hilferty, with one degree of freedom per sample
-    return (1.0 + (SURGES.usual + beyond) / np.sqrt(4.5 * window)) ** 3 - 1.0
+    normal = np.interp(window, SURGES.windows, SURGES.usual) + beyond
+    return float((1.0 + normal / np.sqrt(4.5 * window)) ** 3 - 1.0)
 
 
 def _bins(count: int, iq: bool) -> tuple[int, int]:
@@ -211,7 +215,7 @@ def _medians(power: np.ndarray) -> np.ndarray:
     middle = 0.5 * (low + np.where(count > 0, high, low)) / np.log(2.0)
     usual = np.nanmedian(middle, axis=1, keepdims=True)
     middle = np.where(count < SURGES.block // 4, usual, middle)
-    return np.maximum(np.nan_to_num(middle), np.finfo(np.float32).tiny)
+    return np.maximum(np.nan_to_num(middle), _TINY)
 
 
 def _between(blocks: np.ndarray, count: int) -> np.ndarray:
@@ -230,7 +234,7 @@ def _course(power: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """
     shapes = legendre.legvander(np.linspace(-1.0, 1.0, len(flat)), SURGES.course).T
     sizes = power @ np.linalg.pinv(flat**2 * shapes)  # (n, 1 + course)
-    usual = np.median(sizes / sizes[:, :1], axis=0)
+    usual = np.median(sizes / np.maximum(sizes[:, :1], _TINY), axis=0)
     return np.asarray(np.maximum(usual @ shapes, SURGES.lowest))
 
 
@@ -255,7 +259,8 @@ def _largest(beside: np.ndarray, flat: np.ndarray, count: int, share: float) -> 
         starts, inside = starts[inside > SURGES.inside * points], inside[inside > SURGES.inside * points]
         if points < SURGES.fewest_points or len(starts) < SURGES.fewest_windows:
             continue
-        over = (power[:, starts + points] - power[:, starts]) / (inside * power[:, -1:] / expected[-1])
+        usual = np.maximum(power[:, -1:], _TINY) / expected[-1]
+        over = (power[:, starts + points] - power[:, starts]) / (inside * usual)
         freedom = 2.0 * points * share
         normal = (np.cbrt(over) - (1.0 - 2.0 / (9.0 * freedom))) * np.sqrt(4.5 * freedom)
         found[:, number] = normal.max(axis=1)

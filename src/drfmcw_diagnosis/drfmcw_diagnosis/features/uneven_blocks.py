@@ -5,17 +5,27 @@ over so much of the band within a block that its mirror line decides what is lef
 sweep. A cosine series spreads such a block over all of its terms.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .limits import BLOCKS
 
 
-def uneven(ramp: np.ndarray) -> np.ndarray:
-    """Return which blocks scatter far more than those of the same channel usually do (C, K); none of few sweeps.
+def uneven(ramps: Sequence[np.ndarray]) -> np.ndarray:
+    """Return which blocks scatter far more than those of the same channel usually do, in each group (G, C, K).
+
+    A synthesiser makes them so in many groups. None are in groups of few sweeps.
 
     Args:
-        ramp: of a group's sweeps (n, C, K), see `SweepFeatures`.
+        ramps: of each group's sweeps (n, C, K), see `SweepFeatures`.
     """
+    found = np.stack([_uneven(ramp) for ramp in ramps])
+    return np.asarray(found & (found.mean(axis=0) >= BLOCKS.groups))
+
+
+def _uneven(ramp: np.ndarray) -> np.ndarray:
+    """Return the same of one group by itself (C, K)."""
     if len(ramp) < BLOCKS.sweeps:
         return np.zeros(ramp.shape[1:], bool)
     scatter = ramp.std(axis=0)

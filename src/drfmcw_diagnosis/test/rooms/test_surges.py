@@ -73,3 +73,12 @@ def test_sweeps_too_short_for_it_are_not_compared():
     assert surges.steady(short, False) is None
     samples = np.random.default_rng(SEED).standard_normal((3, 256))
     assert not surges.measured(samples, np.full(3, 3e5), np.hanning(256), short).any()
+
+
+def test_a_silent_sweep_is_no_surge_and_costs_the_others_nothing():
+    samples = noise('white', np.random.default_rng(SEED))[:GROUP]
+    samples[3] = 0.0
+    found = surges.measured(samples, np.full(GROUP, 3e5), np.hanning(COUNT), sweep())
+    assert np.isfinite(found).all()
+    assert found[3, :-1].max() <= 0.0
+    assert found[:3, -1].min() > 0.5

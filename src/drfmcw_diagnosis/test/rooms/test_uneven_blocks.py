@@ -17,15 +17,17 @@ def steady(random):
 def test_steady_noise_has_no_uneven_block():
     """Of 1e6 blocks of ten sweeps; a scatter of four times the usual has a chance of less than 1e-20 each."""
     random = np.random.default_rng(SEED)
-    assert not any(uneven_blocks.uneven(steady(random)).any() for _ in range(2000))
+    assert not any(uneven_blocks.uneven([steady(random)]).any() for _ in range(2000))
 
 
 def test_a_block_of_a_phase_of_its_own_in_each_sweep_is_found():
     random = np.random.default_rng(SEED)
-    ramp = steady(random)
-    ramp[:, 1, :2] += 20.0 * random.standard_normal((SWEEPS, 2))
-    found = uneven_blocks.uneven(ramp)
-    assert list(zip(*np.nonzero(found), strict=True)) == [(1, 0), (1, 1)]
+    ramps = [steady(random) for _ in range(8)]
+    for ramp in ramps[2:6]:
+        ramp[:, 1, :2] += 20.0 * random.standard_normal((SWEEPS, 2))
+    ramps[7][:, 0, 5] += 20.0 * random.standard_normal(SWEEPS)  # as a burst does
+    found = uneven_blocks.uneven(ramps)
+    assert list(zip(*np.nonzero(found), strict=True)) == [(g, 1, block) for g in range(2, 6) for block in (0, 1)]
 
 
 @given(st.integers(0, 2**32 - 1))

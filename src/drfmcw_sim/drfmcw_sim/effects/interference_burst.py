@@ -57,14 +57,13 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
         """Add the bursts; those in I and Q are independent."""
         if self.probability == 0.0:
             return
-        count = station.sweep.sample_count
+        count, rate = station.sweep.sample_count, station.sweep.sample_rate
         std = np.float32(station.full_scale * 10.0 ** (self.level / 20.0) * np.sqrt(0.5))
         for row, generator in enumerate(streams()):
             chance, start = generator.random(2)
             if chance >= self.probability:
                 continue
-            rate = station.sweep.sample_rate * station.sample_clock[row]
             begin = int(np.ceil(start * count))
-            end = int(np.ceil(min(start * count + self.duration * rate, count)))
+            end = int(np.ceil(min(start * count + self.duration * rate * station.sample_clock[row], count)))
             noise = generator.standard_normal(signal[row, begin:end].shape, dtype=np.float32)
             signal[row, begin:end] += std * noise
