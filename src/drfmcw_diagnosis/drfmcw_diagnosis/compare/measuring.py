@@ -1,11 +1,11 @@
 """What kinds of numbers measure together: spectra of each group's sweeps, their noise, and how sweeps scatter."""
 
 import functools
-from collections.abc import Callable
 
 import numpy as np
 
-from ..features.extractor import local_noise, median_of_mean, ramp_spectrum
+from ..features.extractor import ramp_spectrum
+from ..features.spectra import local_noise, median_of_mean
 from .known import Known
 from .recorded_sweeps import RecordedSweeps
 
@@ -67,8 +67,3 @@ class Evidence:
     def range_errors(self) -> list[np.ndarray]:
         """Ranges less the reference's, of each group's sweeps (n,) [m]."""
         return [self.recorded.range_error(g) for g in range(len(self.counts))]
-
-    def by_group(self, measure: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-        """Return what `measure` finds of each group's number, values and standard deviations, stacked."""
-        found = [measure(g) for g in range(len(self.counts))]
-        return np.stack([value for value, _ in found]), np.stack([std for _, std in found])

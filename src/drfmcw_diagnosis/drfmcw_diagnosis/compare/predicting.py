@@ -11,7 +11,8 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Of, Stage
 from drfmcw_sim.measurements import Measurements
 
-from ..features.extractor import SweepFeatures, local_noise, mean_power, quiet_sweeps, ramp_spectrum
+from ..features.extractor import SweepFeatures, quiet_sweeps, ramp_spectrum
+from ..features.spectra import local_noise, mean_power
 from ..features.surges import unevenness
 from .groups import Part, acted, move
 from .limits import SIMULATION
@@ -207,7 +208,7 @@ class Predictor:
         self.recorded, self.std = recorded, std
         self.noise = NoiseModel(recorded, np.isfinite(std['coherence']).any(axis=1))
         self.simulated = SimulatedSweeps(recorded, self.noise.loss)
-        # what there is without any effect, and what noise makes of it, by the first group of a part
+        # what there is without any effect, by the first group of a part
         self._plain: dict[int, Expected] = {}
         self._undistorted: dict[tuple[int, tuple[Effect, ...]], tuple[np.ndarray, ...]] = {}
         # where the parts' groups and their sweeps stand, part after part

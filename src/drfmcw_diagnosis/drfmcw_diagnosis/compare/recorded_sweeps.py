@@ -14,9 +14,10 @@ from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import beat_frequency
 
 from ..features import uneven_blocks
-from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths, mean_power, near_line
+from ..features.extractor import Extractor, SweepFeatures, as_complex, block_lengths
 from ..features.limits import SPECTRUM
 from ..features.noise_bands import NoiseBands
+from ..features.spectra import mean_power, near_line
 from ..recording.dataset import Dataset
 from ..recording.grouping import noise_by_bends
 from ..recording.topology import Channel

@@ -27,11 +27,9 @@ phase. Where it hears itself, most of its oscillator's noise cancels because the
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import overload
 
 import numpy as np
 import scipy.fft
-from scipy.ndimage import median_filter
 
 from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
 from drfmcw_fusion.combination import Station as Share
@@ -47,6 +45,7 @@ from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
 from . import adc_codes, coherence, signal_ends, surges, transient
 from .limits import SIDEBANDS, SPECTRUM
+from .spectra import near_line
 
 
 @dataclasses.dataclass(frozen=True)
@@ -462,39 +461,6 @@ def as_complex(samples: np.ndarray, iq: bool) -> np.ndarray:
     return samples[:, ::2] + 1j * samples[:, 1::2] if iq else samples
 
 
-def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
-    """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
-    return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='reflect')
-
-
-def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:
-    """Return which bins are at a line, or outside of what is compared (..., B).
-
-    Args:
-        bins: number of bins B.
-        frequency: of the lines (...) [Hz].
-        width: of a bin [Hz].
-        rate: sample rate [Hz].
-    """
-    axis = np.arange(bins) * width
-    close = np.abs(axis - frequency[..., None]) < SPECTRUM.line * width
-    return close | (axis < SPECTRUM.edge * width) | (axis > rate / 2 - SPECTRUM.edge * width)
-
-
-def gaussian(ratio: np.ndarray, count: float | np.ndarray) -> np.ndarray:
-    """Return means of `count` exponential powers over their expectation as standard normals (Wilson, Hilferty 1931)."""
-    return (np.cbrt(ratio) - np.cbrt(median_of_mean(count))) * np.sqrt(9.0 * count)
-
-
-@overload
-def median_of_mean(count: float) -> float: ...
-@overload
-def median_of_mean(count: np.ndarray) -> np.ndarray: ...
-def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
-    """Return the median of the mean of `count` exponential powers over their expectation (Wilson, Hilferty 1931)."""
-    return (1.0 - 1.0 / (9.0 * count)) ** 3
-
-
 def quiet_sweeps(quiet: np.ndarray, power: np.ndarray, usual: slice = slice(None)) -> np.ndarray:
     """Return which sweeps hold no burst (n, S), all of a station where hardly any is free.
 
@@ -510,17 +476,6 @@ def quiet_sweeps(quiet: np.ndarray, power: np.ndarray, usual: slice = slice(None
     most = 1.0 + SPECTRUM.noisier / np.sqrt(power.shape[2])
     free = ~burst & (noise < most * np.median(noise[usual], axis=0))
     return free | (free.sum(axis=0) < SPECTRUM.free_sweeps)
-
-
-def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)).
-
-    Args:
-        power: spectra (n, S, B).
-        chosen: which sweeps, or their weights (n, S).
-    """
-    count = chosen.sum(axis=0)
-    return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
 
 
 def ramp_spectrum(ramp: np.ndarray) -> np.ndarray:

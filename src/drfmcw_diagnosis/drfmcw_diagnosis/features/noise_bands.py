@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .extractor import median_of_mean, near_line
 from .limits import SPECTRUM
+from .spectra import median_of_mean, near_line
 
 
 class NoiseBands:

@@ -16,6 +16,10 @@ from scipy.ndimage import minimum_filter1d
 from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SPECTRUM, SURGES
+from .spectra import gaussian
+
+NUMBERS = 1 + 2 * len(SURGES.windows)
+"""How many numbers `unevenness` returns."""
 
 _TINY = float(np.finfo(np.float32).tiny)
 
@@ -108,7 +112,7 @@ def _steady(count: int, first: int, last: int, iq: bool) -> Steady:
 def unevenness(
     quiet: Sequence[np.ndarray], surge: Sequence[np.ndarray], weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """Return how unevenly power is spread over sweeps (1 + 2 W,), and the first's standard deviation if it is steady.
+    """Return how unevenly power is spread over sweeps (NUMBERS,), and the first's standard deviation if it is steady.
 
     Logarithm of the mean of the spans' squares over the sweeps, over its median; then the mean of `scores`.
 
@@ -239,7 +243,7 @@ def _course(power: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def _largest(beside: np.ndarray, flat: np.ndarray, count: int, share: float) -> np.ndarray:
-    """Return the largest power in windows, as standard normals by Wilson and Hilferty (1931), and its spread.
+    """Return the largest power in windows, as standard normals, and its spread (n, W + 1).
 
     Args:
         beside: spectrum of white noise, zero at the line (n, M).
@@ -261,8 +265,7 @@ def _largest(beside: np.ndarray, flat: np.ndarray, count: int, share: float) -> 
             continue
         usual = np.maximum(power[:, -1:], _TINY) / expected[-1]
         over = (power[:, starts + points] - power[:, starts]) / (inside * usual)
-        freedom = 2.0 * points * share
-        normal = (np.cbrt(over) - (1.0 - 2.0 / (9.0 * freedom))) * np.sqrt(4.5 * freedom)
+        normal = gaussian(over, points * share)
         found[:, number] = normal.max(axis=1)
         if number == 0:
             below, middle = np.quantile(normal, (SURGES.below, 0.5), axis=1)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from ...features.limits import SIDEBANDS, SURGES
-from ...features.surges import Steady, steady, unevenness
+from ...features.surges import NUMBERS, Steady, steady, unevenness
 from ..groups import Part, pooled
 from ..limits import MODEL
 from ..measuring import Evidence
@@ -17,7 +17,7 @@ from .kind import Kind, Measured, Of, Plotted, Shown, Trust, at_distance
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Burst(Kind):
-    """How unevenly the power beside the line is spread (G, S, 1 + 2 W), see `features.surges.unevenness`.
+    """How unevenly the power beside the line is spread (G, S, NUMBERS), see `features.surges.unevenness`.
 
     Bursts come whatever the distance, and a group holds a few of them by chance. So all groups of a setting have one
     set of numbers, which stands at the first of them, and settings are compared together.
@@ -29,7 +29,7 @@ class Burst(Kind):
         Bursts may be why sweeps were left out, so groups that are whole say how often they come.
         """
         recorded, sweeps = evidence.recorded, evidence.recorded.sweeps
-        shape = (len(sweeps), len(recorded.heard), 1 + 2 * len(SURGES.windows))
+        shape = (len(sweeps), len(recorded.heard), NUMBERS)
         values, std = np.zeros(shape), np.full(shape, np.inf)
         for part in recorded.parts if recorded.scatters else ():
             whole = [sweeps[g] for g in part.groups if recorded.whole[g] or not recorded.whole[part.groups].any()]
@@ -45,7 +45,7 @@ class Burst(Kind):
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the unevenness of steady noise and what bursts add to it."""
-        values = np.zeros((*expected.features.line.shape, 1 + 2 * len(SURGES.windows)))
+        values = np.zeros((*expected.features.line.shape, NUMBERS))
         for i in range(values.shape[1]):
             steady = _steady(expected.part, i)
             values[:, i, 1:] = steady.mean if steady is not None else 0.0
@@ -70,10 +70,9 @@ class Burst(Kind):
 
     def by_chance(self, added: np.ndarray, std: np.ndarray) -> np.ndarray:
         """Return how far what bursts add is off by chance: which bursts there are differs in every number."""
-        numbers = added.reshape(-1, 1 + 2 * len(SURGES.windows))
+        numbers = added.reshape(-1, NUMBERS)
         usual = np.sqrt(np.mean(numbers**2, axis=1, keepdims=True))
-        chance: np.ndarray = MODEL.all_bursts * np.hypot(numbers, usual)
-        return chance.ravel()
+        return super().by_chance(np.hypot(numbers, usual).ravel(), std)
 
     def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
         """Doubt all of a distorted station: the stronger sweeps are distorted more, harmonics come and go as bursts."""

@@ -10,8 +10,8 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from drfmcw_physics.constants import DECIBELS_PER_NEPER
 
-from ...features.extractor import gaussian, local_noise, median_of_mean
 from ...features.sines import without_strong
+from ...features.spectra import gaussian, local_noise, median_of_mean
 from ..limits import MODEL, SCATTER
 from ..measuring import Evidence
 from ..predicting import Expected

@@ -9,8 +9,9 @@ from scipy.ndimage import maximum_filter1d
 from drfmcw_physics.sweep import SweepSettings
 
 from ...features import transient
-from ...features.extractor import gaussian, span_times
+from ...features.extractor import span_times
 from ...features.limits import SPECTRUM
+from ...features.spectra import gaussian
 from ..groups import variance_factor
 from ..limits import MODEL, SCATTER, SIMULATION
 from ..measuring import Evidence
