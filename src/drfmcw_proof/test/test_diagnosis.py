@@ -16,6 +16,7 @@ from drfmcw_diagnosis.search.bank import Candidate, candidates, recipes
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.scanners import SCANNERS, starting_points
+from drfmcw_diagnosis.search.scanning import Rest
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_proof.cases.concealing import Applied, conceal
@@ -136,7 +137,10 @@ def test_places_are_where_the_simulator_puts_the_effect(effect, station, paramet
     template = comparison.template([Effect.registry[effect](**shape, station=station)])
     number = comparison.data.stations.index(station) if station else -1
     recipe = Effect.registry[effect].recipes[0]
-    found = [place[parameter] for place in starting_points(comparison, template, recipe, number)]
+    found = [
+        place[parameter]
+        for place in starting_points(Rest(comparison, template, comparison.distances(())), recipe, number)
+    ]
     # resolution of the sweep: 1 kHz, 1.5 m; a fringe of the nearest place; a quarter turn of sway over the recording
     width = {'echo': 0.75, 'ground_reflection': 0.5, 'sway': 2e-3, 'spur': 1000.0}.get(effect, 500.0)
     assert min(abs(value - shape[parameter]) for value in found) < width
@@ -188,7 +192,8 @@ def test_a_modulation_of_random_phase_has_its_size_and_frequency(tmp_path):
     hum = Applied('frequency_modulation', 'slave', truth)
     comparison = Comparison(read_dataset(recorded(tmp_path / 'r', 105, hum)))
     fitting, recipe = Fitting(comparison), Effect.registry['frequency_modulation'].recipes[0]
-    begun = dict(recipe.start) | starting_points(comparison, comparison.residual, recipe, 1)[0]
+    rest = Rest(comparison, comparison.residual, comparison.distances(()))
+    begun = dict(recipe.start) | starting_points(rest, recipe, 1)[0]
     assert abs(begun['rate'] - truth['rate']) < 500.0
     begun['deviation'] = 100.0
     fitted = fitting.fit([(Candidate('frequency_modulation', 'slave', recipe, begun), begun)])

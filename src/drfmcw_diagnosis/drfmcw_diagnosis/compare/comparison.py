@@ -171,6 +171,10 @@ class Comparison:
         bursting = tuple(e for e in effects if e.bursts)
         return altered + self._vector(self.predict(bursting)) if bursting else altered
 
+    def distances(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return where effects of the reference have the crane, on average in each group (G,) [m]."""
+        return self._model.distances(tuple(effects))
+
     def disturbance(self, effect: Effect) -> float:
         """Return by how much an effect alone changes the lines within a sweep: rms of log amplitude or phase [rad].
 

@@ -274,10 +274,10 @@ class Predictor:
                 features = self.simulated.copies(part, effects, copies)[0]
             result[part.groups] = _variance(features, copies)
             undistorted = tuple(e for e in effects if not e.distorts)
-            way = self.simulated.way(part, undistorted)
-            if way is not None:
+            speed = self.simulated.drive(part, undistorted)
+            if speed is not None:
                 copies = SIMULATION.distorted
-                driven = self.simulated.copies(part, undistorted, copies, way=way)[0]
+                driven = self.simulated.copies(part, undistorted, copies, speed=speed)[0]
                 result[part.groups] += _variance(driven, copies)
         return result / self.std['flutter']
 
@@ -373,10 +373,20 @@ class Predictor:
         move(steady, -error)
         return dataclasses.replace(part, steady=steady), part.steady.range
 
+    def distances(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return where the groups are if effects of the reference act (G,) [m]."""
+        found = [2.0 * part.steady.range - self._reference(part, effects) for part in self.recorded.parts]
+        return self.joined(found, per_sweep=False)
+
     def _reference(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
-        """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way."""
+        """Return what the reference says in each group (G,) [m]; its errors move the model's distance the other way.
+
+        The readings' slope is noisy: where an effect drives the crane, its velocity stands for it.
+        """
         m = part.steady
         slope = np.where(self.recorded.standing, 0.0, self.recorded.slope)[part.groups]
+        if any(effect.motion is Motion.DRIVE for effect in effects):
+            slope = self.velocity(m, effects)
 
         def distance_at(time: np.ndarray | float) -> np.ndarray:
             return m.range + slope * (time - m.time)

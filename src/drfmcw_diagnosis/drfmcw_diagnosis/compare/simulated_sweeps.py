@@ -85,11 +85,11 @@ class SimulatedSweeps:
         heard = ('', *self._recorded.topology.receivers)
         received = [e for e in effects if ActsOn.SAMPLES in e.acts_on and e.station in heard]
         added = any(effect.stage <= Stage.FILTER for effect in received)
-        way = self.way(part, effects)
-        copies = SIMULATION.distorted if distorting or swaying or way is not None else 4 if added else 2
+        speed = self.drive(part, effects)
+        copies = SIMULATION.distorted if distorting or swaying or speed is not None else 4 if added else 2
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
-        each, moved = self.copies(part, effects, copies, swaying, not effects, turns, way)
+        each, moved = self.copies(part, effects, copies, swaying, not effects, turns, speed)
         features = _mean(each, copies)
         if np.any(moved):
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -99,14 +99,14 @@ class SimulatedSweeps:
             features = dataclasses.replace(features, power=jittered.power)
         return features
 
-    def way(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
-        """Return the way of each group's drive (G,) [m], None unless a second path's phase turns within a group.
+    def drive(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
+        """Return the speed of each group's drive (G,) [m/s], None unless a second path's phase turns within a group.
 
         A reflection's excess delay follows the distance; what it adds to a driving group is the mean over its way.
         """
         groups = part.groups
-        slope = np.where(self._recorded.standing, 0.0, self._recorded.slope)[groups]
-        way = slope * np.array([np.ptp(self._recorded.data.time[self._recorded.members[g]]) for g in groups])
+        speed = np.where(self._recorded.standing, 0.0, self._recorded.slope)[groups]
+        way = speed * np.array([np.ptp(self._recorded.data.time[self._recorded.members[g]]) for g in groups])
         if not way.any():
             return None
         excess = []
@@ -116,7 +116,7 @@ class SimulatedSweeps:
             state = acted(dataclasses.replace(part, steady=steady), effects)
             excess.append(np.array([path.delay - state.paths[0].delay for path in state.paths[1:]]))
         carrier = part.extract.sweeps[0].center_frequency
-        return way if np.any(np.abs(excess[1] - excess[0]) * carrier > SIMULATION.turning) else None
+        return speed if np.any(np.abs(excess[1] - excess[0]) * carrier > SIMULATION.turning) else None
 
     def copies(
         self,
@@ -126,22 +126,24 @@ class SimulatedSweeps:
         swaying: bool = False,
         harmonic: bool = False,
         turns: float = 0.5,
-        way: np.ndarray | None = None,
+        speed: np.ndarray | None = None,
     ) -> tuple[SweepFeatures, np.ndarray]:
         """Return features of sweeps, their phases evenly over so many turns, and the delay that `align` added (G,).
 
-        Those of a drive lie evenly over its way, if that is given (G,) [m].
+        Those of a drive lie all along its way, if its speed is given (G,) [m/s].
         """
         count = len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
-        if swaying:  # a group's mean is that over its time, in which a crane may swing far
-            rows.time += np.stack([self._times(g, copies) for g in part.groups], axis=1).ravel()
-        if way is not None:
-            move(rows, (((np.arange(copies) + 0.5) / copies - 0.5)[:, None] * way).ravel())
+        # a group's mean is that over its time, in which a crane may swing far
+        times = np.stack([self._times(g, copies) for g in part.groups], axis=1)
+        if swaying:
+            rows.time += times.ravel()
+        if speed is not None:
+            move(rows, (times * speed).ravel())
         moved = align(part, rows, copies, self._recorded.sweeps, effects)
         # copies of a station that hears itself differ in their delays
-        alike = 1 if swaying or way is not None or self._recorded.topology.hears_itself else copies
+        alike = 1 if swaying or speed is not None or self._recorded.topology.hears_itself else copies
         return self._features(part, rows, effects, harmonic=harmonic, copies=alike), moved
 
     def jittered(

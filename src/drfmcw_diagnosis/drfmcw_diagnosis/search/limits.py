@@ -260,6 +260,9 @@ class ScanLimits:
     growth: tuple[int, ...] = (2, 8)
     """Powers of the line by which relative harmonics grow [1]: of a compression, of a limiter (about); derived."""
 
+    leaked: float = 0.03
+    """Power in a span over the largest one of its sweep, below which a burst leaks into it [1]; chosen."""
+
     loud: float = 0.3
     """Share of sweeps with a loud span [1], below which faint bursts are tried too; chosen."""
 

@@ -6,17 +6,13 @@ the scanner that finds its starting points. A scanner only starts the search: th
 what an effect does.
 """
 
-import dataclasses
-import itertools
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
 from scipy import stats
-from scipy.ndimage import maximum_filter1d
 
-from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_physics.sweep import Role
 from drfmcw_sim.effects import Recipe
@@ -28,30 +24,15 @@ from ..features.limits import SPECTRUM, SURGES
 from ..features.sines import strongest, waves, without
 from ..features.surges import surge_power
 from .limits import SCAN
-
-Values = Sequence[float | tuple[float, ...]]
-"""Values of a scanned parameter, or of several parameters together, best first."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Scanner:
-    """One way to find starting points in a remainder."""
-
-    find: Callable[[Comparison, np.ndarray, int, Recipe], Values]
-    """From (comparison, whitened remainder, number of the station, recipe); the station is -1 where there is none."""
-
-    of_station: bool = False  # it scans the records of one station
-    resolution: Callable[[Comparison], float] = lambda comparison: 0.0  # two nearer than that look like one
+from .phasors import echoes, per_metre, reflections, ripples, sweep_resolution
+from .scanning import Rest, Scanner, Values, peaks
 
 
-def starting_points(
-    comparison: Comparison, residual: np.ndarray, recipe: Recipe, station: int
-) -> list[dict[str, float]]:
+def starting_points(rest: Rest, recipe: Recipe, station: int) -> list[dict[str, float]]:
     """Return values of the scanned parameters at which an effect would explain most, best first.
 
     Args:
-        comparison: recording and model.
-        residual: whitened remainder.
+        rest: of an explanation.
         recipe: of the effect.
         station: its number, -1 for none.
 
@@ -62,7 +43,7 @@ def starting_points(
     if scanner.of_station and station < 0:
         return []
     names = (recipe.scanned, *recipe.scanned_with)
-    found = scanner.find(comparison, residual, station, recipe)
+    found = scanner.find(rest, station, recipe)
     return [dict(zip(names, v if isinstance(v, tuple) else (v,), strict=True)) for v in found]
 
 
@@ -77,145 +58,13 @@ def _scanner(name: str) -> Scanner:
     return SCANNERS[name]
 
 
-def _peaks(score: np.ndarray, count: int = SCAN.peaks, apart: int = SCAN.fine // 2) -> list[int]:
-    """Return the indices of the largest local maxima, best first."""
-    high = np.flatnonzero((score == maximum_filter1d(score, 2 * apart + 1)) & (score > 0.0))
-    return [int(k) for k in high[np.argsort(score[high])[::-1][:count]]]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Phasors:
-    """How well the remainder of each group fits A exp(2 pi i f t) over the sweep, t from mid-sweep: arrays (G, cells).
-
-    With A = |A| exp(i a) the correlation is |A| Re(exp(i a) correlation), the template's power
-    |A|^2 (power + Re(exp(2 i a) imbalance)).
-    """
-
-    frequency: np.ndarray  # (cells,) [Hz]
-    correlation: np.ndarray
-    power: np.ndarray
-    imbalance: np.ndarray
-
-    def gain(self) -> np.ndarray:
-        """Return by how much one phasor of any amplitude and phase lowers the misfit of all groups, (cells,)."""
-        real, imag = self.correlation.sum(axis=0).real, -self.correlation.sum(axis=0).imag
-        power, imbalance = self.power.sum(axis=0), self.imbalance.sum(axis=0)
-        determinant = np.maximum(power**2 - np.abs(imbalance) ** 2, 1e-12 * power**2 + 1e-30)
-        solved = (power - imbalance.real) * real**2 + (power + imbalance.real) * imag**2
-        return (solved + 2.0 * imbalance.imag * real * imag) / determinant
-
-
-def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors:
-    """Return how well phasors fit: those of a synthesiser, in the phases alone, or those of a path, in amplitudes too.
-
-    A second path turns amplitude and phase alike. Its phase has opposite signs in the lines of both stations; the phase
-    of a synthesiser has the same sign.
-    """
-    groups, channels, count = c.std.ramp.shape
-    stations = channels // 2
-    z = residual[c.entries.where(kind='ramp')].reshape(groups, channels, count) / c.std.ramp
-    weight = 1.0 / c.std.ramp**2
-    step = float(c.time[1] - c.time[0])
-    frequency = np.fft.rfftfreq(SCAN.fine * count, step)[1:]
-    turn = 2.0 * math.pi * frequency[:, None] * step * (np.arange(count) - (count - 1) / 2.0)
-    basis = scipy.fft.dct(np.cos(turn), norm='ortho') + 1j * scipy.fft.dct(np.sin(turn), norm='ortho')
-    if synthesiser:
-        amplitude, amplitude_weight = z[:, stations], weight[:, stations]
-        phase, phase_weight = np.zeros_like(amplitude), np.zeros_like(amplitude_weight)
-    else:
-        amplitude, amplitude_weight = z[:, :stations].sum(axis=1), weight[:, :stations].sum(axis=1)
-        phase, phase_weight = math.sqrt(stations) * z[:, -1], stations * weight[:, -1]
-    return _Phasors(
-        frequency,
-        (amplitude - 1j * phase) @ basis.T,
-        (amplitude_weight + phase_weight) @ np.abs(basis.T) ** 2 / 2.0,
-        (amplitude_weight - phase_weight) @ basis.T**2 / 2.0,
-    )
-
-
-def _per_metre(c: Comparison) -> float:
-    """Return the beat frequency of one metre of excess path [Hz/m]."""
-    return abs(c.data.sweeps[0][0].chirp_rate) / SPEED_OF_LIGHT
-
-
-def _sweep_resolution(c: Comparison) -> float:
-    """Return the frequency of one turn over the analysed part of the sweep [Hz]."""
-    begin, end = c.data.sweeps[0][0].analysis_window()
-    return 1.0 / (end - begin)
-
-
-def _echoes(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
-    """Return excess lengths of paths beside the direct one [m]."""
-    phasors = _phasors(c, residual, False)
-    near = [float(phasors.frequency[k] / _per_metre(c)) for k in _peaks(phasors.gain())]
-    return (*near, *_distant_echoes(c, residual))
-
-
-def _distant_echoes(c: Comparison, residual: np.ndarray) -> tuple[float, ...]:
-    """Return excess ranges of echoes that are resolved as lines of their own, equally far from each station's line."""
-    z = residual[c.entries.where(kind='lines')].reshape(len(c.members), -1, c.measured.lines.shape[-1])
-    bins = z.shape[-1]
-    width = c.data.sweeps[0][0].sample_rate / 2 / (bins - 1)
-    distance = np.arange(SPECTRUM.line, min(bins - 1, int(SCAN.longest * _per_metre(c) / width)))
-    score = np.zeros(len(distance))
-    for group, sweeps in zip(z, c.sweeps, strict=True):
-        for spectrum, line in zip(group, sweeps.line.mean(axis=0) / width, strict=True):
-            at = np.rint(line + distance).astype(int)
-            score += np.where(at < bins, spectrum[np.minimum(at, bins - 1)], 0.0)
-    return tuple(float(distance[k] * width / _per_metre(c)) for k in _peaks(score, 1))
-
-
-def _reflections(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
-    """Return products of both antennas' heights above ground that reflects [m^2].
-
-    Fringes are where the crane stands: by the reference, or beside it by what is explained of the range.
-    """
-    distance = np.array([c.data.distance[m].mean() for m in c.members])
-    explained = (c.residual - residual)[c.entries.where(kind='range')]
-    beside = np.where(np.isfinite(c.std.range), explained * np.nan_to_num(c.std.range, posinf=0.0), 0.0)
-    found = _fringes(c, residual, distance)
-    if np.ptp(beside) * c.data.sweeps[0][0].center_frequency > SCAN.beside * SPEED_OF_LIGHT:
-        elsewhere = _fringes(c, residual, distance + beside)
-        found = [product for both in itertools.zip_longest(elsewhere, found) for product in both if product is not None]
-    return tuple(dict.fromkeys(found))
-
-
-def _fringes(c: Comparison, residual: np.ndarray, distance: np.ndarray) -> list[float]:
-    """Return products of heights [m^2] whose fringes over the distances (G,) [m] of the groups fit best, best first."""
-    phasors = _phasors(c, residual, False)
-    carrier = c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT
-    # the product changes by R c / (2 f) from fringe to fringe, so fringes are closest at the nearest distance R
-    step = max(float(distance.min()) / (2.0 * carrier * SCAN.per_fringe), SCAN.highest / SCAN.heights)
-    products = np.arange(step, SCAN.highest, step)
-    excess = np.sqrt(distance**2 + 4.0 * products[:, None]) - distance  # (products, groups)
-    turn = np.exp(2j * math.pi * excess * carrier)
-    cell = np.rint(excess * _per_metre(c) / phasors.frequency[0]).astype(int) - 1
-    inside = (cell >= 0) & (cell < len(phasors.frequency))
-    at = np.arange(len(distance)), cell.clip(0, len(phasors.frequency) - 1)
-    correlation = np.where(inside, (turn * phasors.correlation[at]).real, 0.0)
-    power = np.where(inside, phasors.power[at] + (turn**2 * phasors.imbalance[at]).real, 0.0)
-    # where both paths lie in one resolution cell, the reflection shows in the level
-    std = c.std.amplitude
-    level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
-    gained = correlation.sum(axis=1) + DECIBELS_PER_NEPER * turn.real @ level.sum(axis=1)
-    spent = power.sum(axis=1) + DECIBELS_PER_NEPER**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
-    return [float(products[k]) for k in _peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections)]
-
-
-def _ripples(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
-    """Return frequencies of a synthesiser's ripple over the sweep [Hz]."""
-    phasors = _phasors(c, residual, True)
-    duration = float(c.time[-1] - c.time[0])
-    gain = np.where(phasors.frequency * duration < SCAN.slowest_ripple, 0.0, phasors.gain())
-    return tuple(float(phasors.frequency[k]) for k in _peaks(gain))
-
-
-def _rhythms(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _rhythms(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return frequencies at which the phases change from sweep to sweep, as a modulation of random phase does [Hz].
 
     First those at which the sweeps themselves hold sines, then those that the remainder suggests: it shows a strong
     modulation distorted, but a faint one beside others.
     """
+    c, residual = rest.comparison, rest.residual
     groups, channels, count = c.std.flutter.shape
     step = float(c.time[1] - c.time[0])
     frequency = waves(count).frequency
@@ -224,7 +73,7 @@ def _rhythms(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) 
     z = residual[c.entries.where(kind='flutter')].reshape(groups, channels, count)[:, channels // 2 :].sum(axis=0)
     # each channel has a size of its own: that in which the oscillators' noise cancels shows a part of it
     gain = np.maximum(z @ power.T, 0.0) ** 2 / np.sum(power**2, axis=1)
-    found = [*_sines(c), *_peaks(gain.sum(axis=0))]
+    found = [*_sines(c), *peaks(gain.sum(axis=0))]
     return tuple(float(frequency[number]) / step for number in dict.fromkeys(found))
 
 
@@ -246,8 +95,9 @@ def _sines(c: Comparison) -> list[int]:
     return found
 
 
-def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _oscillations(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return frequencies of movement about the reference's readings [Hz]."""
+    c, residual = rest.comparison, rest.residual
     chosen = c.entries.where(kind='movement')
     rows, group = c.entries.position[chosen], c.entries.group[chosen]
     weight = 1.0 / c.std.movement
@@ -279,12 +129,12 @@ def _oscillations(c: Comparison, residual: np.ndarray, station: int, recipe: Rec
         return ()
     # with pauses between groups many frequencies fit nearly as well: compare them at their exact maxima
     fine = np.concatenate(
-        [frequency[k] + step * np.linspace(-1.0, 1.0, SCAN.top) for k in _peaks(coarse, SCAN.aliases, 1)]
+        [frequency[k] + step * np.linspace(-1.0, 1.0, SCAN.top) for k in peaks(coarse, SCAN.aliases, 1)]
     )
     found: list[float] = []
     for with_range in (False, True):  # where the crane stands on average separates aliases, but errors may hide it
-        peaks, heights = _maxima(fine.reshape(-1, SCAN.top), score(fine, with_range).reshape(-1, SCAN.top))
-        found += [float(f) for f in peaks[np.argsort(heights)[::-1][: SCAN.peaks]]]
+        places, heights = _maxima(fine.reshape(-1, SCAN.top), score(fine, with_range).reshape(-1, SCAN.top))
+        found += [float(f) for f in places[np.argsort(heights)[::-1][: SCAN.peaks]]]
     return tuple(dict.fromkeys(found))
 
 
@@ -314,16 +164,18 @@ def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
     return bool(len(chances) * min(chances) <= SCAN.suspicion)
 
 
-def _harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return the values that the recipe tries, where a station's spectrum or levels suggest a distortion."""
+    c, residual = rest.comparison, rest.residual
     return recipe.tries if _suspicious(c, residual, station) else ()
 
 
-def _even_harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _even_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return the second-order term of a curve, 1 at full scale, that the lines' second harmonics suggest.
 
     A line of amplitude A has one of c A / 2 relative to itself, at its own phase; least squares over all groups.
     """
+    c, residual = rest.comparison, rest.residual
     order, overlap, power = SPECTRUM.harmonics.index(2), 0.0, 0.0
     for i in range(len(c.receivers)) if station < 0 else (station,):
         z = residual[c.entries.where(kind='harmonic', station=i)].reshape(len(c.members), -1)[:, order]
@@ -336,8 +188,9 @@ def _even_harmonics(c: Comparison, residual: np.ndarray, station: int, recipe: R
     return (overlap / power,)
 
 
-def _limits(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _limits(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion."""
+    c, residual = rest.comparison, rest.residual
     if not _suspicious(c, residual, station):
         return ()
     full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
@@ -373,18 +226,20 @@ def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[f
     return chances
 
 
-def _bursts(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _bursts(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return (probability in a sweep, level [dB of full scale], duration [s]) of bursts of noise.
 
     The sweeps with loud spans suggest them; none where the power is spread evenly.
     """
+    c, residual = rest.comparison, rest.residual
     z = residual[c.entries.where(kind='burst', station=station)]
     if not z.any() or stats.chi2.sf(z @ z, np.count_nonzero(z)) > SCAN.suspicion:
         return []
     shares, levels, lengths, steady = [], [], [], []
     for features in c.sweeps:
         quiet = features.quiet[:, station]
-        loud = quiet > SPECTRUM.burst * np.median(quiet)
+        # what a burst leaks into other spans of its sweep, from which the line was taken, is no part of its length
+        loud = quiet > np.fmax(SPECTRUM.burst * np.median(quiet), SCAN.leaked * quiet.max(axis=1, keepdims=True))
         shares.append(loud.any(axis=1))
         levels.append(quiet[loud] - np.median(quiet))
         lengths.append(loud.sum(axis=1)[loud.any(axis=1)])
@@ -423,8 +278,9 @@ def _held(c: Comparison, station: int) -> np.ndarray:
     return np.asarray(np.sum(over * weights, axis=0) / np.maximum(weights.sum(axis=0), np.finfo(float).tiny))
 
 
-def _free_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _free_lines(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return frequencies of lines in a station's IF spectrum that do not begin alike in each sweep [Hz]."""
+    c, residual = rest.comparison, rest.residual
     return tuple(f for f in _lines(c, residual, station) if not _begins_alike(c, station, f))
 
 
@@ -435,17 +291,18 @@ def _lines(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ..
     score = z.sum(axis=0) / np.sqrt(np.maximum(np.count_nonzero(z, axis=0), 1))
     joined = np.convolve(score, (0.5, 1.0, 0.5), 'same')  # a Hann window spreads a line over three bins
     found = []
-    for k in _peaks(joined, apart=2):
+    for k in peaks(joined, apart=2):
         inside = np.maximum(score[max(k - 1, 0) : k + 2], 0.0)
         offset = np.average(np.arange(max(k - 1, 0), max(k - 1, 0) + len(inside)), weights=inside + 1e-12)
         found.append(float(offset * width))
     return tuple(found)
 
 
-def _leaked_lines(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _leaked_lines(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return the delays of leakage whose lines stand in a station's IF spectrum [ns]."""
+    c, residual = rest.comparison, rest.residual
     sweep = c.data.sweeps[0][c.heard[station]]
-    slowest = SCAN.hann * _sweep_resolution(c)  # slower, it is a constant
+    slowest = SCAN.hann * sweep_resolution(c)  # slower, it is a constant
     found = (f for f in _lines(c, residual, station) if f > slowest and _begins_alike(c, station, f))
     return tuple(1e9 * f / abs(sweep.chirp_rate) for f in found)
 
@@ -455,11 +312,12 @@ def _begins_alike(c: Comparison, station: int, frequency: float) -> bool:
     return c.recorded.alignment(station, frequency) > SCAN.alike
 
 
-def _ends(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> Values:
+def _ends(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return when a station's ramp begins or ends [s], where a receiver's signal does so at another time than expected.
 
     Both receivers need this ramp: its own has it at once, the other a time of flight later on a clock of its own.
     """
+    c, residual = rest.comparison, rest.residual
     last = int(recipe.scanned == 'end')
     found = []
     for receiver in range(len(c.heard)):
@@ -478,13 +336,13 @@ def _ends(c: Comparison, residual: np.ndarray, station: int, recipe: Recipe) -> 
 
 
 SCANNERS: dict[str, Scanner] = {
-    'excess delay': Scanner(_echoes, resolution=lambda c: _sweep_resolution(c) / _per_metre(c)),
-    'fringes over distance': Scanner(_reflections),
-    'ripple': Scanner(_ripples, resolution=_sweep_resolution),
-    'rhythm': Scanner(_rhythms, resolution=_sweep_resolution),
+    'excess delay': Scanner(echoes, resolution=lambda c: sweep_resolution(c) / per_metre(c)),
+    'fringes over distance': Scanner(reflections),
+    'ripple': Scanner(ripples, resolution=sweep_resolution),
+    'rhythm': Scanner(_rhythms, resolution=sweep_resolution),
     'oscillation': Scanner(_oscillations),
-    'narrow line': Scanner(_free_lines, True, lambda c: SCAN.hann * _sweep_resolution(c)),
-    'line of the chirp': Scanner(_leaked_lines, True, lambda c: SCAN.hann * _sweep_resolution(c)),
+    'narrow line': Scanner(_free_lines, True, lambda c: SCAN.hann * sweep_resolution(c)),
+    'line of the chirp': Scanner(_leaked_lines, True, lambda c: SCAN.hann * sweep_resolution(c)),
     'harmonics': Scanner(_harmonics, True),
     'even harmonics': Scanner(_even_harmonics),
     'limit': Scanner(_limits, True),

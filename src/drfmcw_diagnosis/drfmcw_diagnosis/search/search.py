@@ -10,12 +10,14 @@ from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
+from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
-from ..compare.predicting import follows_distance
+from ..compare.predicting import displaces, follows_distance
 from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of
 from .limits import SEARCH
 from .scanners import resolution, starting_points
+from .scanning import Rest
 
 
 class Search(Fitting):
@@ -89,6 +91,7 @@ class Search(Fitting):
     def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
         """Return the starting points that scanners find in the remainder."""
         found = []
+        rest = Rest(self.comparison, residual, self.comparison.distances(self._place[0]))
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
         for effect, recipe in recipes(self._left_out):
@@ -96,7 +99,7 @@ class Search(Fitting):
                 continue
             for station in at_stations(effect, recipe, stations):
                 number = receivers.index(station) if station in receivers else -1
-                for point in starting_points(self.comparison, residual, recipe, number):
+                for point in starting_points(rest, recipe, number):
                     found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point))
         return found
 
@@ -208,7 +211,7 @@ class Search(Fitting):
         if not recipe.size:  # the size is found by refinement
             return gain if overlap > 0.0 else 0.0, candidate, values
         if recipe.per_group:
-            return self._scaled_by_group(candidate, residual)
+            return self._scaled_by_group(candidate, residual, freedom)
         if recipe.order > 1:
             if scale <= 0.0:
                 return 0.0, candidate, values
@@ -232,19 +235,19 @@ class Search(Fitting):
         values[recipe.size] = min(max(values[recipe.size], low), high)
         return gain, candidate, values
 
-    def _scaled_by_group(self, candidate: Candidate, residual: np.ndarray) -> tuple[float, Candidate, dict]:
+    def _scaled_by_group(
+        self, candidate: Candidate, residual: np.ndarray, freedom: Freedom | None
+    ) -> tuple[float, Candidate, dict]:
         """Return (promised gain, candidate, values) with the template scaled to the residual of each group."""
-        template = self._unit(candidate)
-        gain, values = 0.0, {}
+        each, rest = self.whitening(self._by_group(self._unit(candidate))), self.whitening(residual)
+        if freedom is not None:
+            each, rest = freedom.left(each), freedom.left(rest)
+        along = each @ rest
+        scales = scaled_inverse(each @ each.T) @ along
         low, high = self.bounds(candidate, candidate.recipe.size)
-        for number, (name, value) in enumerate(candidate.values.items()):
-            inside = self.comparison.entries.group == number
-            power = float(template[inside] @ template[inside])
-            overlap = float(template[inside] @ residual[inside])
-            scale = overlap / power if power > 0.0 else 0.0
-            gain += scale * overlap
-            values[name] = min(max(scale * value, low), high)
-        return gain, candidate, values
+        scaled = zip(candidate.values.items(), scales, strict=True)
+        values = {name: float(min(max(scale * value, low), high)) for (name, value), scale in scaled}
+        return float(scales @ along), candidate, values
 
     def _freedom_beside(self, slopes: np.ndarray, *own: slice) -> Freedom | None:
         """Return the freedom of all effects but some, None without others.
@@ -302,10 +305,38 @@ class Search(Fitting):
         The fringes of different heights of a reflector, or the aliases of a sway: effects that are not yet explained
         may hide the right one.
         """
-        for number in range(len(fitted.effects)):
-            if fitted.effects[number].candidate.recipe.lookalikes:
+        for number, effect in enumerate(fitted.effects):
+            if effect.candidate.recipe.lookalikes:
                 fitted = self._relocated(fitted, number)
+            if effect.candidate.recipe.fringes:
+                others = (self._relocated(other, number) for other in self._standing_elsewhere(fitted))
+                better = min(others, key=lambda f: f.misfit, default=fitted)
+                fitted = better if better.misfit < fitted.misfit - SEARCH.same else fitted
         return fitted
+
+    def _standing_elsewhere(self, fitted: Fitted) -> list[Fitted]:
+        """Return an explanation with a delay for an error of the reference that it resembles, or the other way round.
+
+        Only the error of the reference says that the crane stands elsewhere, where a reflection has other fringes.
+        """
+        found = []
+        slopes = self.slopes(fitted)
+        for number, (effect, own) in enumerate(zip(fitted.effects, fitted.spans, strict=True)):
+            moves = displaces(effect.candidate.kind)
+            others = [i for i, c in enumerate(self.bank) if displaces(c.kind) != moves and c.recipe.size]
+            others = [i for i in others if self._is_other(self.bank[i], self.bank[i].values, fitted.effects)]
+            freedom = self._freedom_beside(slopes, own)
+            added, tried = (self.whitening(x) for x in (self._template([effect.build()]), self.templates[others]))
+            if freedom is not None:
+                added, tried = freedom.left(added), freedom.left(tried)
+            power, along = np.einsum('mj,mj->m', tried, tried), tried @ added
+            alike = along**2 > SEARCH.same_shape**2 * power * float(added @ added)
+            for i in np.flatnonzero(alike)[:1]:
+                other = self.bank[others[i]]
+                scaled = {other.recipe.size: other.values[other.recipe.size] * float(along[i] / power[i])}
+                start = [*fitted.start[:number], (other, other.values | scaled), *fitted.start[number + 1 :]]
+                found.append(self.fit(start, 0))
+        return found
 
     def _relocated(self, fitted: Fitted, number: int) -> Fitted:
         """Return an explanation with one of its effects at the place where all fit best."""

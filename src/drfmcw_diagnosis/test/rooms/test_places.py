@@ -36,3 +36,80 @@ def test_a_reflection_is_sought_where_a_sway_has_the_crane():
     assert found.key == ('ground_reflection', '')
     assert found.values['height_product'] == pytest.approx(ground['height_product'], abs=0.05)
     assert found.values['coefficient'] == pytest.approx(ground['coefficient'], rel=0.05)
+
+
+@pytest.fixture(scope='module')
+def driving():
+    """A crane that drives at every distance."""
+    return read_dataset(DATA / 'recording_5')
+
+
+def driven(comparison):
+    """Return the velocities that the reference shows at each distance, rounded."""
+    return tuple(np.round(comparison.slope, 2).tolist())
+
+
+def candidate(search, effect, **values):
+    """Return where a fit of an effect begins, with the first of its starting points in the bank and values."""
+    several = any('[' in name for name in values)
+    begun = next(c for c in search.bank if c.effect == effect and c.recipe.per_group == several)
+    return begun, begun.values | values
+
+
+def by_group(velocities):
+    return {f'velocity[{g}]': v for g, v in enumerate(velocities)}
+
+
+def test_a_late_reference_lags_by_the_velocity_that_is_fitted(driving):
+    """The slope of its own readings is noisy: 15 mm/s would be 3 mm for 0.2 s."""
+    comparison = Comparison(driving)
+    velocity = np.array(driven(comparison)) + 0.02
+    motion = Effect.registry['target_motion'](velocity=tuple(velocity.tolist()))
+    late = Effect.registry['reference_lag'](lag=0.2)
+    chosen = comparison.entries.where(kind='range')
+    added = comparison.template([motion, late]) - comparison.template([motion])
+    assert added[chosen] * comparison.std.range == pytest.approx(0.2 * velocity, rel=1e-3)
+
+
+def test_velocities_are_found_beside_what_shifts_the_range(driving):
+    """What has no name may shift each line far more than the Doppler effect does: it is taken out first."""
+    comparison = Comparison(driving)
+    velocity = driven(comparison)
+    shifted = np.zeros((1, len(comparison.residual)))
+    shifted[0, comparison.entries.where(kind='range')] = 3.0 * comparison.recorded.distance / comparison.std.range
+    comparison.residual = 0.1 * shifted[0] + comparison.template([Effect.registry['target_motion'](velocity=velocity)])
+    search = Search(comparison)
+    search.set_aside = shifted
+    search.trust(None)
+    found = search.best_addition(None)[0].effects[-1]
+    assert found.key == ('target_motion', '')
+    assert [found.values[name] for name in by_group(velocity)] == pytest.approx(velocity, abs=0.01)
+
+
+def test_a_reflection_is_sought_where_a_late_reference_has_the_crane(driving):
+    """At 1.6 m/s it is 0.5 m farther on, and its fringes turn while it drives."""
+    comparison = Comparison(driving)
+    velocity = driven(comparison)
+    ground = {'coefficient': 0.06, 'height_product': 161.7}
+    effects = {'target_motion': {'velocity': velocity}, 'reference_lag': {'lag': 0.3}, 'ground_reflection': ground}
+    comparison.residual = comparison.template([Effect.registry[name](**values) for name, values in effects.items()])
+    search = Search(comparison)
+    start = [candidate(search, 'target_motion', **by_group(velocity)), candidate(search, 'reference_lag', lag=0.3)]
+    found = search.best_addition(search.fit(start, 0))[0].effects[-1]
+    assert found.key == ('ground_reflection', '')
+    assert found.values['height_product'] == pytest.approx(ground['height_product'], abs=0.05)
+
+
+def test_a_reflection_says_whether_the_path_or_the_reference_is_off():
+    """A delay of 1.6 ns resembles an offset of 0.48 m, but only the offset moves the crane."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    ground = {'coefficient': -0.06, 'height_product': 93.6}
+    true = [Effect.registry['delay_offset'](delay=-1.6), Effect.registry['ground_reflection'](**ground)]
+    comparison.residual = comparison.template(true)
+    search = Search(comparison)
+    known = search.fit([candidate(search, 'reference_offset', offset=0.48)])
+    with_reflection = next(f for f in search.best_addition(known) if f.effects[-1].key[0] == 'ground_reflection')
+    found = search.relocated(with_reflection)
+    assert [e.key[0] for e in found.effects] == ['delay_offset', 'ground_reflection']
+    assert found.effects[1].values['height_product'] == pytest.approx(ground['height_product'], abs=0.05)
+    assert found.effects[0].values['delay'] == pytest.approx(-1.6, rel=0.01)
