@@ -117,7 +117,7 @@ def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray)
 
 
 def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:
-    """Return curves of a condition beside an explanation that no effect describes, each times its prior (k, n).
+    """Return curves and steps over a condition beside an explanation that no effect describes, times priors (k, n).
 
     Args:
         search: of the recording.
@@ -128,27 +128,71 @@ def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.nd
     residual = c.residual - (fitted.template if fitted is not None else 0.0)
     rest = as_measured(residual)
     slopes = as_measured(search.slopes(fitted)) if fitted is not None else np.zeros((0, len(rest)))
+    beside = Freedom(slopes) if len(slopes) else None
     found = np.zeros((0, len(rest)))
     named = -1.0
     for kind in (k for k in c.kinds if k.name in PATH.kinds):
         rows = c.rows(kind)
         excess = float(rest[rows] @ rest[rows]) - len(rows)
-        best = (0.0, np.zeros((0, len(rest))), np.zeros(0))
-        for x in conditions(search).values():
-            curves = _curves(search, kind, x, LIMITS.cubic)
-            followed = Freedom(slopes).left(as_measured(curves)) if len(slopes) else as_measured(curves)
-            sizes = _sizes(followed, rest)
-            best = max(best, (float(sizes @ (followed @ rest)), curves, sizes), key=lambda tried: tried[0])
-        gain, curves, sizes = best
-        if gain < LIMITS.worth * excess or float(stats.chi2.sf(gain, len(LIMITS.cubic))) > LIMITS.unlikely:
+        if excess < LIMITS.clearly:
+            continue
+        curves = (_curves(search, kind, x, LIMITS.cubic) for x in conditions(search).values())
+        best = max((_fitted(x, rest, as_measured, beside) for x in curves), key=lambda one: one.gain, default=None)
+        step = _best_step(search, kind, rest, as_measured, beside)
+        if best is None or (step is not None and step.gain > best.gain - LIMITS.parameter * (len(LIMITS.cubic) - 1)):
+            best = step
+        if best is None or best.gain < LIMITS.worth * excess or best.chance > LIMITS.unlikely:
             continue
         if named < 0.0:  # what the best effect would explain, of these numbers and of all others
             templates = as_measured(search.templates_beside(fitted, scanned=False))
             power = np.einsum('mj,mj->m', templates, templates)
             named = float(np.max((templates @ rest) ** 2 / np.maximum(power, 1e-12), initial=0.0))
-        if named < gain - LIMITS.clearly:
-            found = np.concatenate([found, LIMITS.prior * np.abs(sizes).max() * curves])
+        if named < best.gain - LIMITS.clearly:
+            found = np.concatenate([found, LIMITS.prior * best.size * best.shapes])
     return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _Unnamed:
+    """Shapes without a name that fit what is left."""
+
+    shapes: np.ndarray  # over the numbers' standard deviations (k, n)
+    gain: float
+    size: float  # of the largest
+    chance: float  # of as large a gain
+
+
+def _fitted(shapes: np.ndarray, rest: np.ndarray, as_measured: Whitening, beside: Freedom | None) -> _Unnamed:
+    """Return how shapes (k, n) fit what is left (n,) beside an explanation's freedom."""
+    followed = as_measured(shapes)
+    followed = beside.left(followed) if beside is not None else followed
+    sizes = _sizes(followed, rest)
+    gain = float(sizes @ (followed @ rest))
+    return _Unnamed(shapes, gain, float(np.abs(sizes).max()), float(stats.chi2.sf(gain, len(shapes))))
+
+
+def _best_step(
+    search: Search, kind: Kind, rest: np.ndarray, as_measured: Whitening, beside: Freedom | None
+) -> _Unnamed | None:
+    """Return the best step over a condition, None without conditions: in one kind of number, or of a clock.
+
+    A clock's error shows in more than one kind: it is tried with that which shows most of it.
+    """
+    c = search.comparison
+    steps, group, rows = _steps(search), c.entries.group, c.rows(kind)
+    of_path = np.concatenate([c.rows(k) for k in c.kinds if k.name in PATH.kinds])
+    clocks = [x for x in _of_clocks(search) if float(x[rows] @ x[rows]) > 0.5 * float(x[of_path] @ x[of_path])]
+    best = None
+    for shape in (_alike(search, kind), *clocks):
+        tried = steps[:, group] * shape
+        followed = as_measured(tried)
+        followed = beside.left(followed) if beside is not None else followed
+        power = np.einsum('mn,mn->m', followed, followed)
+        gains = (followed @ rest) ** 2 / np.maximum(power, 1e-30)
+        if len(gains) and (best is None or gains.max() > best.gain):
+            one = _fitted(tried[[int(np.argmax(gains))]], rest, as_measured, beside)
+            best = dataclasses.replace(one, chance=one.chance * len(gains))
+    return best
 
 
 def _curves(fitting: Fitting, kind: Kind, x: np.ndarray, degrees: tuple[int, ...]) -> np.ndarray:
@@ -232,16 +276,27 @@ def _steps(fitting: Fitting) -> np.ndarray:
 def _templates(fitting: Fitting, tried: np.ndarray) -> np.ndarray:
     """Return steps (M, G), whitened (J, M, n): of range and beat frequency each by itself, then of each clock."""
     c = fitting.comparison
-    alike = []
-    for kind in (k for k in c.kinds if k.name in PATH.kinds):
-        own = np.zeros(len(c.residual))
-        own[c.rows(kind)] = 1.0 / np.asarray(c.std[kind.name]).ravel()
-        alike.append(own)
-    for effect, recipe in recipes():
-        if Effect.registry[effect].error_of is Stated.CLOCK:
-            clocks = (Candidate(effect, station, recipe, dict(recipe.start)) for station in c.data.stations)
-            alike += [c.template((clock.build(),)) for clock in clocks]
+    alike = [_alike(fitting, kind) for kind in c.kinds if kind.name in PATH.kinds] + _of_clocks(fitting)
     return fitting.whitening(tried[:, c.entries.group] * np.array(alike)[:, None])
+
+
+def _alike(fitting: Fitting, kind: Kind) -> np.ndarray:
+    """Return a change of all numbers of a kind by one unit, over their standard deviations (n,)."""
+    c = fitting.comparison
+    own = np.zeros(len(c.residual))
+    own[c.rows(kind)] = 1.0 / np.asarray(c.std[kind.name]).ravel()
+    return own
+
+
+def _of_clocks(fitting: Fitting) -> list[np.ndarray]:
+    """Return what an error of each clock changes, over the numbers' standard deviations (n,)."""
+    c = fitting.comparison
+    return [
+        c.template((Candidate(effect, station, recipe, dict(recipe.start)).build(),))
+        for effect, recipe in recipes()
+        if Effect.registry[effect].error_of is Stated.CLOCK
+        for station in c.data.stations
+    ]
 
 
 def _best(steps: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:

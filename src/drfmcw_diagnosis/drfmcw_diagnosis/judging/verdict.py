@@ -122,7 +122,9 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
             break
         current = more
     current = _standing(search, current)
-    search.doubted |= dropped - set(current.keys if current is not None else ())
+    # what was in doubt at one station may be a rival of the same at the other one
+    stands = {effect for effect, _ in current.keys} if current is not None else set()
+    search.doubted |= {(effect, station) for effect, station in dropped if effect not in stands}
     return current
 
 

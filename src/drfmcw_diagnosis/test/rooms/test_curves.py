@@ -77,6 +77,22 @@ def test_a_curve_that_no_effect_describes_is_set_aside(data):
     assert len(left(search, None, search.whitening)) == 0
 
 
+def test_a_clock_that_jumps_is_set_aside(data):
+    """From some temperature on it is off: a step of one clock explains all, and what is left hides no other effect."""
+    comparison = Comparison(data)
+    offset = comparison.template([Effect.registry['reference_clock_offset'](deviation=0.3, station='slave')])
+    board = conditions(Fitting(comparison))['board 1']
+    comparison.residual = offset * (board > np.median(board))[comparison.entries.group]
+    search = Search(comparison)
+    before = search.misfit(0.0)
+    search.set_aside = left(search, None, search.whitening)
+    search.trust(None)
+    assert search.misfit(0.0) < 0.01 * before
+    comparison.residual = offset
+    search = Search(comparison)
+    assert len(left(search, None, search.whitening)) == 0
+
+
 def test_a_clock_that_jumps_is_no_drift_beside_another(data):
     """Two effects of a clock follow a jump better than each does alone; one clock's step takes the place of both."""
     comparison = Comparison(data)
