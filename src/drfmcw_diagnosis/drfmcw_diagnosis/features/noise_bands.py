@@ -37,7 +37,7 @@ class NoiseBands:
         bins = power.shape[-1]
         masked = self.at_line(line, bins)
         noise, std = (np.full((len(power), SPECTRUM.bands), value) for value in (np.nan, np.inf))
-        edges = _edges(bins)
+        edges = edges_of(bins)
         for station in range(len(power)):
             for band in range(SPECTRUM.bands):
                 inside = power[station, edges[band] : edges[band + 1]]
@@ -59,7 +59,7 @@ class NoiseBands:
         """
         if not np.any(power):
             return quiet
-        edges = _edges(power.shape[-1])
+        edges = edges_of(power.shape[-1])
         mean = np.add.reduceat(power, edges[:-1], axis=-1) / np.diff(edges) / self._window_power[:, None]
         total: np.ndarray = 10.0 * np.log10(10.0 ** (quiet / 10.0) + mean)
         return total
@@ -73,7 +73,7 @@ class NoiseBands:
             line: of each station (G, S) [Hz].
         """
         bins = added.shape[-1]
-        edges = _edges(bins)
+        edges = edges_of(bins)
         power = self._window_power[:, None]
         noise, floor = quiet.copy(), np.repeat(10.0 ** (quiet / 10.0) * power, np.diff(edges), axis=-1)
         noticed = np.maximum.reduceat(added / floor, edges[:-1], axis=-1) > SPECTRUM.noticed
@@ -86,6 +86,6 @@ class NoiseBands:
         return noise, floor
 
 
-def _edges(bins: int) -> np.ndarray:
+def edges_of(bins: int) -> np.ndarray:
     """Return the first bin of each band and the end of the last, (N + 1,)."""
     return np.linspace(0, bins, SPECTRUM.bands + 1).astype(int)

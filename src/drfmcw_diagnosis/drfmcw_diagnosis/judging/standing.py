@@ -21,17 +21,15 @@ is left beside an effect is what is left beside the events that are set aside as
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `steadiness`.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
-decibels: whatever changes a receiver's gain changes both. What the received power alone shows is in doubt where the
+decibels: whatever changes a receiver's gain changes both; and where a third of it repeats in each sweep, as what an
+event within the ramp leaves there does. What the received power alone shows is in doubt where the
 amplitude over the sweep is unexplained by half as much: whatever changes that changes its mean.
 """
 
 import dataclasses
-import math
 
 import numpy as np
 from scipy import stats
-
-from drfmcw_physics.constants import DECIBELS_PER_NEPER
 
 from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
@@ -41,6 +39,7 @@ from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, s
 from ..search.leftovers import Leftover, leftovers
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
+from .receivers import of_level, repeated_noise, uneven_power, unexplained_signal
 from .steadiness import LIMITS as STEADINESS
 from .steadiness import odds_of_one_size
 
@@ -63,12 +62,11 @@ class StandingLimits:
     certain: float = 5.0  # size over its standard deviation with all that is unknown as noise, at least [1]
     alone: float = 0.98  # share of its power in one part above which no other part can confirm it [1]
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
-    by_noise: float = 0.9  # the same in the noise [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     bent: float = 0.02  # what a freer curve of its condition explains of that rest, over the same [1]
     unexplained: float = 0.5  # rest of a receiver's amplitude over an effect's change of its noise, at most [1]
-    by_power: float = 0.9  # the same in the received power [1]
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
+    repeated: float = 0.3  # share of what an effect adds to the noise that repeats in each sweep, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
     alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
@@ -97,6 +95,7 @@ class Standing:
     beyond_step: float = np.inf  # of effects that range and beat frequency alone show
     unexplained: float = 0.0  # of effects that the noise alone shows
     uneven_power: float = 0.0  # of effects that the received power alone shows
+    repeated: float = 0.0  # of effects that the noise alone shows
     inflated: float = 1.0  # of effects that the range alone shows
     cancelled: float = 1.0
     beyond_event: float = np.inf  # of effects that show over the sweep alone
@@ -117,6 +116,7 @@ class Standing:
             and self.bent < LIMITS.bent
             and self.unexplained < LIMITS.unexplained
             and self.uneven_power < LIMITS.uneven_power
+            and self.repeated < LIMITS.repeated
             and self.inflated < LIMITS.inflated
             and not self.is_cancelled
             and not self.is_event
@@ -171,7 +171,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
-    of_range = _of_level(fitting, 'range')
+    of_range = of_level(fitting, 'range')
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -180,6 +180,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         per_group = fitted.effects[number].candidate.recipe.per_group
         # sizes of single groups can neither predict nor confirm each other
         by_group = _largest_share(added, groups) < LIMITS.alone and not per_group
+        bursts = fitted.effects[number].candidate.kind.bursts
         without = changes['group' if by_group else 'kind']
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
@@ -187,30 +188,32 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         if per_group:  # the phase shows a movement far better than all else, but any other drift of a delay as well
             testable = (1.0 - _largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
         else:
-            testable = by_group or _largest_share(added, kinds) < LIMITS.alone
+            testable = by_group or bursts or _largest_share(added, kinds) < LIMITS.alone
         clean = _clean(left_over, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, left_over, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
         explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
         curve = curves[number]
-        # a group holds few bursts, so each part of the numbers knows their size to that only
-        bursts = fitted.effects[number].candidate.kind.bursts
+        # a group holds few bursts, so each part of the numbers knows their size to that only; numbers of all groups
+        # together, of spans and of windows of several lengths, confirm each other where little is left of them
         doubt = MODEL.bursts**2 if bursts else 0.0
         found.append(
             dataclasses.replace(
                 standing,
                 over_groups=standing.over_groups - doubt,
                 over_kinds=standing.over_kinds - doubt,
+                predicted=1.0 if bursts else standing.predicted,
                 smallest=min(
                     _smallest_size(rest, added, groups) if by_group and not bursts else 1.0,
                     _smallest_size(rest[exact], added[exact], kinds[exact]),
                 ),
-                certain=_certainty(fitted.effects[number]),
+                certain=_certainty(fitted.effects[number], slopes, own),
                 left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
                 beyond_step=steps[number],
-                unexplained=_unexplained_signal(fitting, fitted.effects[number], residual, alone),
-                uneven_power=_uneven_power(fitting, fitted.effects[number], residual, alone),
+                unexplained=unexplained_signal(fitting, fitted.effects[number], residual, alone),
+                uneven_power=uneven_power(fitting, fitted.effects[number], residual, alone),
+                repeated=repeated_noise(fitting, fitted.effects[number], alone),
                 inflated=inflations[number],
                 cancelled=cancelled[number],
                 beyond_event=beyond[number],
@@ -220,12 +223,24 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     return found
 
 
-def _certainty(effect: FittedEffect) -> float:
-    """Return the size of an effect over its standard deviation, infinity where it is a level or one of several."""
+def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
+    """Return the size of an effect over its standard deviation, infinity where it is a level or one of several.
+
+    An uncertain shape makes the size uncertain too, but says nothing of whether it is there: of the parameters only
+    those of other effects are free.
+
+    Args:
+        effect: of the explanation.
+        slopes: whitened derivatives by all parameters (P, n).
+        own: the effect's among them.
+    """
     recipe = effect.candidate.recipe
     if not recipe.may_vanish:
         return np.inf
-    return abs(effect.values[recipe.size]) / max(effect.stds[recipe.size], 1e-30)
+    slope = slopes[own.start + effect.candidate.free.index(recipe.size)]
+    others = np.delete(slopes, own, axis=0)
+    left = Freedom(others).left(slope) if len(others) else slope
+    return abs(effect.values[recipe.size]) * float(np.linalg.norm(left))
 
 
 def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
@@ -244,18 +259,6 @@ def _excess(rest: np.ndarray) -> float:
     return float(rest @ rest) - np.count_nonzero(rest)
 
 
-def _of_level(fitting: Fitting, level: str) -> np.ndarray:
-    """Return where the numbers of all kinds of a level stand."""
-    c = fitting.comparison
-    return np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == level])
-
-
-def _of_kind(fitting: Fitting, name: str, station: int) -> np.ndarray:
-    """Return where the numbers of a kind stand, of one station or channel."""
-    c = fitting.comparison
-    return next(c.rows(kind, station) for kind in c.kinds if kind.name == name)
-
-
 def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
     """Return the share of what an effect adds (n,) that the other effects' parameters cannot follow.
 
@@ -267,67 +270,6 @@ def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
     others = np.delete(slopes, own, axis=0)
     followed = float(Freedom(others).followed(added)) if len(others) else 0.0
     return max(1.0 - followed / max(float(added @ added), 1e-30), 1e-6)
-
-
-def _unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
-    """Return the rest of a receiver's amplitude over an effect's change of the noise, both as rms in decibels.
-
-    The larger one of the effect's receivers, 0 where not the noise shows it.
-
-    Args:
-        fitting: of the recording.
-        effect: of the explanation.
-        rest: what the explanation leaves, over standard deviations (n,).
-        added: what the effect adds to it, likewise.
-    """
-    c = fitting.comparison
-    noise = added[_of_level(fitting, 'noise')]
-    # no gain comes and goes as bursts do
-    if effect.candidate.kind.bursts or float(noise @ noise) < LIMITS.by_noise * float(added @ added):
-        return 0.0
-    found = 0.0
-    for i in _receivers_of(fitting, effect):
-        changed = _mean_square(added[_of_kind(fitting, 'noise', i)], c.std.noise[:, i].ravel(), 0.0)
-        level = _mean_square(rest[_of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 1.0)
-        left = max(level, 0.0) + max(_uneven_amplitude(fitting, rest, i), 0.0)
-        found = max(found, math.sqrt(left / max(changed, 1e-30)))
-    return found
-
-
-def _uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
-    """Return the rest of the amplitude over the sweep over an effect's change of the power, both as rms in decibels.
-
-    The larger one of the effect's receivers, 0 where not the received power shows it; arguments as above.
-    """
-    c = fitting.comparison
-    of_power = added[_of_level(fitting, 'amplitude')]
-    if float(of_power @ of_power) < LIMITS.by_power * float(added @ added):
-        return 0.0
-    found = 0.0
-    for i in _receivers_of(fitting, effect):
-        changed = _mean_square(added[_of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 0.0)
-        found = max(found, math.sqrt(max(_uneven_amplitude(fitting, rest, i), 0.0) / max(changed, 1e-30)))
-    return found
-
-
-def _receivers_of(fitting: Fitting, effect: FittedEffect) -> list[int]:
-    """Return the numbers of the stations with samples at which an effect may show."""
-    receivers = fitting.comparison.receivers
-    return [i for i, name in enumerate(receivers) if effect.candidate.station in ('', name)]
-
-
-def _uneven_amplitude(fitting: Fitting, rest: np.ndarray, receiver: int) -> float:
-    """Return the mean square of what is left (n,) of a receiver's amplitude over the sweep [dB^2]."""
-    # the first channels of the ramp are the stations' log amplitudes, as orthonormal cosine series
-    std = fitting.comparison.std.ramp[:, receiver].ravel()
-    return DECIBELS_PER_NEPER**2 * _mean_square(rest[_of_kind(fitting, 'ramp', receiver)], std, 1.0)
-
-
-def _mean_square(values: np.ndarray, std: np.ndarray, chance: float) -> float:
-    """Return the mean square of numbers that are known over their standard deviations, less that of chance."""
-    used = np.isfinite(std)
-    squares = (values[used] ** 2 - chance) * std[used] ** 2
-    return float(np.sum(squares)) / max(int(np.count_nonzero(used)), 1)
 
 
 def _inflations(fitted: Fitted, slopes: np.ndarray, alike: list[bool]) -> list[float]:
@@ -356,7 +298,7 @@ def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
     if effect.candidate.acts:
         return False
     added = fitting.whitening.weight * fitting.comparison.template([effect.build()])
-    of_range = added[_of_level(fitting, 'range')]
+    of_range = added[of_level(fitting, 'range')]
     return float(of_range @ of_range) > LIMITS.by_range * float(added @ added)
 
 

@@ -476,7 +476,7 @@ class Fitting:
         """Set aside what has no name; let other numbers that are not explained count by the scatter that they have.
 
         Numbers scatter in a cell alike: in one kind at one station in one group of sweeps. What one effect more may
-        explain of a series, one kind at one station, is no scatter.
+        explain of a series, one kind at one station, is no scatter. Numbers of all groups together have none.
 
         Args:
             fitted: the explanation.
@@ -498,6 +498,8 @@ class Fitting:
         used = np.bincount(cells, rest != 0.0)
         scatter = np.bincount(cells, rest**2) / np.maximum(used, 1.0)
         self.set_aside, self.noisier = apart, 1.0 / np.sqrt(np.maximum(scatter, 1.0))[cells]
+        for kind in (k for k in self.comparison.kinds if k.of_all):
+            self.noisier[self.comparison.rows(kind)] = 1.0
 
     def without_set_aside(self, residual: np.ndarray) -> np.ndarray:
         """Return residuals (n,) without what is set aside, as it fits best."""

@@ -83,6 +83,36 @@ def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
     assert not standing.stands
 
 
+@pytest.mark.parametrize(
+    ('effect', 'parameters'),
+    [
+        ('frequency_modulation', {'deviation': 300.0, 'rate': 9000.0}),
+        ('interference_burst', {'probability': 0.3, 'level': -45.0, 'duration': 1e-4}),
+    ],
+)
+def test_what_comes_and_goes_stands_beside_an_unknown_gain(data, effect, parameters):
+    """No gain modulates the line, nor comes in bursts. Nothing is by chance."""
+    comparison = Comparison(data)
+    fitting = concealed(comparison, Effect.registry[effect](**parameters, station='master'))
+    comparison.residual[comparison.entries.where(kind='amplitude')] += 50.0
+    (standing,) = standings(fitting, fitted(fitting, effect, 'master', **parameters))
+    # the sweeps themselves, which hold no modulation, do not count here
+    assert dataclasses.replace(standing, one_size=np.inf).stands
+
+
+def test_a_size_is_certain_though_the_shape_is_not(data):
+    """A weak settling may be faster and larger, or slower and smaller: it is there, whatever it is."""
+    comparison = Comparison(data)
+    truth = {'step': 4000.0, 'natural_frequency': 3e4, 'damping': 0.5}
+    fitting = concealed(comparison, Effect.registry['pll_settling'](**truth, station='master'))
+    found = fitted(fitting, 'pll_settling', 'master', **truth)
+    (effect,) = found.effects
+    length = float(np.linalg.norm(fitting.whitening(found.template)))
+    (standing,) = standings(fitting, found)
+    assert effect.values['step'] / effect.stds['step'] < 0.8 * length
+    assert standing.certain == pytest.approx(length, rel=0.1)
+
+
 @pytest.mark.parametrize('onset', [0.0, 4.0])
 def test_a_step_of_the_phase_is_no_ripple(data, onset):
     """A ripple follows two thirds of a step within the sweep; beside a true ripple, no event gains as much."""

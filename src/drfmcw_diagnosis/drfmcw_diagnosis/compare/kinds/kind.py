@@ -79,6 +79,7 @@ class Kind(abc.ABC):
     unit: str = '1'  # of the numbers
     of: Of = Of.STATION
     per_sweep: bool = False  # one number per sweep instead of some per group
+    of_all: bool = False  # of all groups together: it stands at the first one, where it has no scatter
     of_converter: bool = False  # an uneven ADC shows in it as well
     has_gaps: bool = False  # numbers that are NaN are not compared
     trust: Trust = Trust()

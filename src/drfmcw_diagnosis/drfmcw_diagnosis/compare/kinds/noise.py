@@ -198,6 +198,7 @@ def _scatter(evidence: Evidence) -> np.ndarray:
 
 BURST = Burst(
     name='burst',
+    of_all=True,
     level='noise',
     axis='range',
     label='bursts of noise',

@@ -1,0 +1,144 @@
+"""Whether something else at a receiver may be what its noise or its received power alone shows.
+
+In: an effect of an explanation and what the explanation leaves. Out: the rest of the line's amplitude over the effect's
+change, and how much of the noise repeats in each sweep, as what an event within the ramp leaves beside the line does.
+"""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
+
+from ..compare.comparison import Comparison
+from ..features.extractor import as_complex
+from ..features.repeating import repeating_share
+from ..search.fitting import FittedEffect, Fitting
+
+
+@dataclasses.dataclass(frozen=True)
+class ReceiverLimits:
+    """Which effects the noise or the received power alone shows."""
+
+    by_noise: float = 0.9  # share of an effect's power in the noise, from which on nothing else shows it [1]; chosen
+    by_power: float = 0.9  # the same in the received power [1]; chosen
+
+
+LIMITS = ReceiverLimits()
+
+
+def of_level(fitting: Fitting, level: str) -> np.ndarray:
+    """Return where the numbers of all kinds of a level stand."""
+    c = fitting.comparison
+    return np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == level])
+
+
+def of_kind(fitting: Fitting, name: str, station: int) -> np.ndarray:
+    """Return where the numbers of a kind stand, of one station or channel."""
+    c = fitting.comparison
+    return next(c.rows(kind, station) for kind in c.kinds if kind.name == name)
+
+
+def unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return the rest of a receiver's amplitude over an effect's change of the noise, both as rms in decibels.
+
+    The larger one of the effect's receivers, 0 where not the noise shows it.
+
+    Args:
+        fitting: of the recording.
+        effect: of the explanation.
+        rest: what the explanation leaves, over standard deviations (n,).
+        added: what the effect adds to it, likewise.
+    """
+    c = fitting.comparison
+    if not _by_noise(fitting, effect, added):
+        return 0.0
+    found = 0.0
+    for i in receivers_of(fitting, effect):
+        changed = _mean_square(added[of_kind(fitting, 'noise', i)], c.std.noise[:, i].ravel(), 0.0)
+        level = _mean_square(rest[of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 1.0)
+        left = max(level, 0.0) + max(_uneven_amplitude(fitting, rest, i), 0.0)
+        found = max(found, math.sqrt(left / max(changed, 1e-30)))
+    return found
+
+
+def uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return the rest of the amplitude over the sweep over an effect's change of the power, both as rms in decibels.
+
+    The larger one of the effect's receivers, 0 where not the received power shows it; arguments as above.
+    """
+    c = fitting.comparison
+    of_power = added[of_level(fitting, 'amplitude')]
+    if float(of_power @ of_power) < LIMITS.by_power * float(added @ added):
+        return 0.0
+    found = 0.0
+    for i in receivers_of(fitting, effect):
+        changed = _mean_square(added[of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 0.0)
+        found = max(found, math.sqrt(max(_uneven_amplitude(fitting, rest, i), 0.0) / max(changed, 1e-30)))
+    return found
+
+
+def repeated_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> float:
+    """Return the share of what an effect adds to the noise that repeats in each sweep, beside the line.
+
+    0 where not the noise shows it, or where it comes and goes.
+
+    Args:
+        fitting: of the recording.
+        effect: of the explanation.
+        added: what the effect adds, over standard deviations (n,).
+    """
+    if not _by_noise(fitting, effect, added):
+        return 0.0
+    c = fitting.comparison
+    repeats, total = 0.0, 0.0
+    for i in receivers_of(fitting, effect):
+        rise = added[of_kind(fitting, 'noise', i)].reshape(len(c.members), -1)
+        std, noise = c.std.noise[:, i], c.measured.noise[:, i]
+        ratio = 1.0 - 10.0 ** (-0.1 * rise * np.where(np.isfinite(std), std, 0.0))  # of the noise there, that it adds
+        share = np.array([_repeating(c, i, g) for g in range(len(c.members))])
+        weight = np.where((rise > 0.0) & np.isfinite(noise) & np.isfinite(share), rise**2, 0.0)
+        repeats += float(np.sum(weight * np.clip(np.nan_to_num(share) / np.maximum(ratio, 1e-6), 0.0, 1.0)))
+        total += float(np.sum(weight))
+    return repeats / total if total > 0.0 else 0.0
+
+
+@functools.lru_cache(maxsize=256)
+def _repeating(c: Comparison, receiver: int, group: int) -> np.ndarray:
+    """Return the share of the power in bands that repeats in the sweeps of a group (N,); NaN of a single sweep."""
+    rows = c.members[group]
+    if len(rows) < 2:
+        return np.full(c.measured.noise.shape[2], np.nan)
+    samples = as_complex(c.data.samples_of(c.heard[receiver])[rows].astype(np.float32), c.recorded.topology.iq)
+    return repeating_share(samples, c.sweeps[group].line[:, receiver], c.recorded.sample_rate)
+
+
+def _by_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> bool:
+    """Return whether the noise alone shows an effect, and that it neither comes and goes nor modulates the line."""
+    kind = effect.candidate.kind
+    if kind.bursts or kind.fluctuates:
+        return False
+    noise = added[of_level(fitting, 'noise')]
+    return float(noise @ noise) >= LIMITS.by_noise * float(added @ added)
+
+
+def receivers_of(fitting: Fitting, effect: FittedEffect) -> list[int]:
+    """Return the numbers of the stations with samples at which an effect may show."""
+    receivers = fitting.comparison.receivers
+    return [i for i, name in enumerate(receivers) if effect.candidate.station in ('', name)]
+
+
+def _uneven_amplitude(fitting: Fitting, rest: np.ndarray, receiver: int) -> float:
+    """Return the mean square of what is left (n,) of a receiver's amplitude over the sweep [dB^2]."""
+    # the first channels of the ramp are the stations' log amplitudes, as orthonormal cosine series
+    std = fitting.comparison.std.ramp[:, receiver].ravel()
+    return DECIBELS_PER_NEPER**2 * _mean_square(rest[of_kind(fitting, 'ramp', receiver)], std, 1.0)
+
+
+def _mean_square(values: np.ndarray, std: np.ndarray, chance: float) -> float:
+    """Return the mean square of numbers that are known over their standard deviations, less that of chance."""
+    used = np.isfinite(std)
+    squares = (values[used] ** 2 - chance) * std[used] ** 2
+    return float(np.sum(squares)) / max(int(np.count_nonzero(used)), 1)
