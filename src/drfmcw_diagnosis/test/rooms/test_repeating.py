@@ -33,5 +33,5 @@ def test_a_jump_of_the_phase_repeats(line):
     """It fills all bands. Its mirror does too, which turns against it: as strong as it is far from the line."""
     samples, frequency = sweeps(line, 2.0, 1e-4, 2)
     share = repeating_share(samples, frequency, RATE)
-    assert np.nanmin(share) > 0.35
-    assert share[int(line / RATE * 2 * len(share))] > 0.6
+    assert np.nanmin(share) > 0.2
+    assert np.nanmax(share) > 0.8
