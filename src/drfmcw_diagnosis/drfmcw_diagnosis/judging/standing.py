@@ -22,8 +22,8 @@ What has a random phase in each sweep is in doubt where its size scatters as tha
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
 decibels: whatever changes a receiver's gain changes both; and where a third of it repeats in each sweep, as what an
-event within the ramp leaves there does. What the received power alone shows is in doubt where the
-amplitude over the sweep is unexplained by half as much: whatever changes that changes its mean.
+event within the ramp leaves there does. What the received power alone shows is in doubt where the amplitude over the
+sweep is unexplained by half as much: whatever changes that changes its mean. See `receivers`.
 """
 
 import dataclasses
