@@ -31,6 +31,8 @@ import dataclasses
 import numpy as np
 from scipy import stats
 
+from drfmcw_sim.effects import Motion
+
 from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
@@ -185,7 +187,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         moved = np.einsum('np,pn->n', without, slopes)
         moved_own = np.einsum('np,pn->n', without[:, own], slopes[own])
         free = own.stop - own.start
-        if per_group:  # the phase shows a movement far better than all else, but any other drift of a delay as well
+        drives = fitted.effects[number].candidate.kind.motion is Motion.DRIVE
+        if drives:  # the phase shows a movement far better than all else, but any other drift of a delay as well
             testable = (1.0 - _largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
         else:
             testable = by_group or bursts or _largest_share(added, kinds) < LIMITS.alone

@@ -32,7 +32,10 @@ class ReferenceClockDrift(Effect, name='reference_clock_drift', of=Of.STATION):
     )
 
     rate: float = parameter(
-        0.0, unit='ppm/h', bounds=(-100.0, 100.0), description='steady drift; alpha is the calibrated one at the start'
+        0.0,
+        unit='ppm/h',
+        bounds=(-1000.0, 1000.0),
+        description='steady drift; alpha is the calibrated one at the start',
     )
     warmup: float = parameter(
         0.0, unit='ppm', bounds=(-100.0, 100.0), description='error at the start, which decays during the warm-up'
