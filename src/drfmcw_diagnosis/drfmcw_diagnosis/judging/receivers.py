@@ -1,7 +1,8 @@
-"""Whether something else at a receiver may be what its noise or its received power alone shows.
+"""Whether something else in the lines may be what the noise, the received power or the range alone shows.
 
-In: an effect of an explanation and what the explanation leaves. Out: the rest of the line's amplitude over the effect's
-change, and how much of the noise repeats in each sweep, as what an event within the ramp leaves beside the line does.
+In: an effect of an explanation and what the explanation leaves. Out: the rest of the line's amplitude, or of the phases
+over the sweep, over the effect's change; and how much of the noise repeats in each sweep, as what an event within the
+ramp leaves beside the line does.
 """
 
 import dataclasses
@@ -10,7 +11,7 @@ import math
 
 import numpy as np
 
-from drfmcw_physics.constants import DECIBELS_PER_NEPER
+from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 
 from ..compare.comparison import Comparison
 from ..features.extractor import as_complex
@@ -103,6 +104,30 @@ def repeated_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) ->
         repeats += float(np.sum(weight * np.clip(np.nan_to_num(share) / np.maximum(ratio, 1e-6), 0.0, 1.0)))
         total += float(np.sum(weight))
     return repeats / total if total > 0.0 else 0.0
+
+
+def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return by how much the rest of the phases over the sweep may shift the range, over an effect's change of it.
+
+    Both as rms over the groups, by what the range is known to. A sweep's frequency follows a part of what bends its
+    phase: of a straight line of as large a rms, which is the steepest, all.
+
+    Args:
+        fitting: of the recording.
+        rest: what the explanation leaves, over standard deviations (n,).
+        added: what the effect adds to it, likewise.
+    """
+    c = fitting.comparison
+    channel = next(i for i, x in enumerate(c.recorded.channels) if x.of_phase)  # the sum, or the only one
+    std = c.std.ramp[:, channel]
+    scale = np.where(np.isfinite(std), std, 0.0)
+    left = fitting.without_set_aside(rest)[of_kind(fitting, 'ramp', channel)].reshape(std.shape)
+    squares = (left**2 - 1.0) * scale**2
+    turned = np.sqrt(np.maximum(squares.sum(axis=1), 0.0) / std.shape[1])  # rms [rad] (G,)
+    band = abs(c.data.sweeps[0][0].chirp_rate) * float(c.time[-1] - c.time[0])
+    shifted = turned * math.sqrt(12.0) * SPEED_OF_LIGHT / (2.0 * math.pi * band) / c.std.range
+    change = added[of_level(fitting, 'range')]
+    return float(np.linalg.norm(shifted) / max(float(np.linalg.norm(change)), 1e-30))
 
 
 @functools.lru_cache(maxsize=256)

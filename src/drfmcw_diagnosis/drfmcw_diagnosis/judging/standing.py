@@ -9,8 +9,9 @@ no other distance can confirm; then one kind of number must predict the other.
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
 So an effect of that kind is also in doubt where a freer curve of the same condition explains much of what is left,
 measured by what the effect explains and the others cannot follow, see `curves`; where it depends on no condition alone
-and much is left; and where others of that kind, which may nearly cancel it, make it many times less certain than it
-would be without them. What range and beat frequency alone show is in doubt where a step explains as much.
+and much is left; where others of that kind, which may nearly cancel it, make it many times less certain than it would
+be without them; and where the rest of the phases over the sweep may shift the range half as far. What range and beat
+frequency alone show is in doubt where a step explains as much.
 
 Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
 something unknown has.
@@ -41,7 +42,7 @@ from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, s
 from ..search.leftovers import Leftover, leftovers
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
-from .receivers import of_level, repeated_noise, uneven_power, unexplained_signal
+from .receivers import of_level, repeated_noise, uneven_power, unexplained_course, unexplained_signal
 from .steadiness import LIMITS as STEADINESS
 from .steadiness import odds_of_one_size
 
@@ -66,6 +67,7 @@ class StandingLimits:
     by_range: float = 0.98  # share of its power in the range above which nothing else shows it [1]
     left: float = 0.05  # rest of the range over what one effect alone, which shows in nothing else, explains of it [1]
     bent: float = 0.02  # what a freer curve of its condition explains of that rest, over the same [1]
+    course: float = 0.5  # shift of the range by the rest of the phases over an effect's change of it, at most [1]
     unexplained: float = 0.5  # rest of a receiver's amplitude over an effect's change of its noise, at most [1]
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
     repeated: float = 0.3  # share of what an effect adds to the noise that repeats in each sweep, at most [1]
@@ -94,6 +96,7 @@ class Standing:
     certain: float = np.inf  # of effects with a size that may be zero
     left: float = 0.0  # of effects that the range alone shows, and that depend on no condition alone
     bent: float = 0.0  # of effects that the range alone shows, and that depend on one
+    course: float = 0.0  # of effects that the range alone shows
     beyond_step: float = np.inf  # of effects that range and beat frequency alone show
     unexplained: float = 0.0  # of effects that the noise alone shows
     uneven_power: float = 0.0  # of effects that the received power alone shows
@@ -116,6 +119,7 @@ class Standing:
             and self.certain > LIMITS.certain
             and self.left < LIMITS.left
             and self.bent < LIMITS.bent
+            and self.course < LIMITS.course
             and self.unexplained < LIMITS.unexplained
             and self.uneven_power < LIMITS.uneven_power
             and self.repeated < LIMITS.repeated
@@ -213,6 +217,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 certain=_certainty(fitted.effects[number], slopes, own),
                 left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
+                course=unexplained_course(fitting, residual, alone) if by_range[number] else 0.0,
                 beyond_step=steps[number],
                 unexplained=unexplained_signal(fitting, fitted.effects[number], residual, alone),
                 uneven_power=uneven_power(fitting, fitted.effects[number], residual, alone),

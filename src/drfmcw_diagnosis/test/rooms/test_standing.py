@@ -100,6 +100,21 @@ def test_what_comes_and_goes_stands_beside_an_unknown_gain(data, effect, paramet
     assert dataclasses.replace(standing, one_size=np.inf).stands
 
 
+@pytest.mark.parametrize(('bend', 'stands'), [(2e-3, True), (2e-2, False)])
+def test_the_range_is_no_evidence_where_the_phase_is_bent_as_far(data, bend, stands):
+    """Half a turn of ripple over the sweep may shift the range by 1.1 m per radian rms. Nothing is by chance."""
+    comparison = Comparison(data)
+    fitting = concealed(comparison, Effect.registry['reference_offset'](offset=0.02))
+    kind = next(k for k in comparison.kinds if k.name == 'ramp')
+    channel = next(i for i, x in enumerate(comparison.recorded.channels) if x.of_phase)
+    std = comparison.std['ramp'][:, channel]
+    bent = np.zeros(std.shape[1])
+    bent[3] = bend * np.sqrt(len(bent))
+    comparison.residual[comparison.rows(kind, channel)] += (bent / std).ravel()
+    (standing,) = standings(fitting, fitted(fitting, 'reference_offset', '', offset=0.01))
+    assert standing.stands == stands
+
+
 def test_a_size_is_certain_though_the_shape_is_not(data):
     """A weak settling may be faster and larger, or slower and smaller: it is there, whatever it is."""
     comparison = Comparison(data)
