@@ -8,6 +8,8 @@ import numpy as np
 from drfmcw_sim.effects import Effect
 
 from ..features.adc_codes import Codes, evenness
+from ..features.extractor import as_complex
+from ..features.repeating import repeating_share
 from ..recording.dataset import Dataset
 from .groups import Entries, Groups
 from .kinds import KINDS, Kind
@@ -78,6 +80,18 @@ class Comparison:
         noise = np.fmin(self.measured.noise, self.plain.noise)
         least = 10.0 ** (np.nan_to_num(np.nanmin(np.nanmedian(noise, axis=2), axis=0), nan=-np.inf) / 20.0)
         return tuple(evenness(self.data.samples_of(i)[rows], n) for i, n in zip(self.heard, least, strict=True))
+
+    @functools.cached_property
+    def repeating(self) -> np.ndarray:
+        """Share of the power in bands that repeats in each sweep of a group (G, S, N), NaN of single sweeps."""
+        found = np.full(self.measured.noise.shape, np.nan)
+        for receiver, station in enumerate(self.heard):
+            samples, rate = self.data.samples_of(station), self.recorded.sample_rate
+            for g, rows in enumerate(self.members):
+                if len(rows) > 1:
+                    each = as_complex(samples[rows].astype(np.float32), self.recorded.topology.iq)
+                    found[g, receiver] = repeating_share(each, self.sweeps[g].line[:, receiver], rate)
+        return found
 
     def _layout(self) -> tuple[Entries, dict[str, np.ndarray]]:
         """Return what each number of the vector is, and where each kind's numbers stand in it, by its name.

@@ -6,16 +6,12 @@ ramp leaves beside the line does.
 """
 
 import dataclasses
-import functools
 import math
 
 import numpy as np
 
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 
-from ..compare.comparison import Comparison
-from ..features.extractor import as_complex
-from ..features.repeating import repeating_share
 from ..search.fitting import FittedEffect, Fitting
 
 
@@ -99,7 +95,7 @@ def repeated_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) ->
         rise = added[of_kind(fitting, 'noise', i)].reshape(len(c.members), -1)
         std, noise = c.std.noise[:, i], c.measured.noise[:, i]
         ratio = 1.0 - 10.0 ** (-0.1 * rise * np.where(np.isfinite(std), std, 0.0))  # of the noise there, that it adds
-        share = np.array([_repeating(c, i, g) for g in range(len(c.members))])
+        share = c.repeating[:, i]
         weight = np.where((rise > 0.0) & np.isfinite(noise) & np.isfinite(share), rise**2, 0.0)
         repeats += float(np.sum(weight * np.clip(np.nan_to_num(share) / np.maximum(ratio, 1e-6), 0.0, 1.0)))
         total += float(np.sum(weight))
@@ -128,16 +124,6 @@ def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray) ->
     shifted = turned * math.sqrt(12.0) * SPEED_OF_LIGHT / (2.0 * math.pi * band) / c.std.range
     change = added[of_level(fitting, 'range')]
     return float(np.linalg.norm(shifted) / max(float(np.linalg.norm(change)), 1e-30))
-
-
-@functools.lru_cache(maxsize=256)
-def _repeating(c: Comparison, receiver: int, group: int) -> np.ndarray:
-    """Return the share of the power in bands that repeats in the sweeps of a group (N,); NaN of a single sweep."""
-    rows = c.members[group]
-    if len(rows) < 2:
-        return np.full(c.measured.noise.shape[2], np.nan)
-    samples = as_complex(c.data.samples_of(c.heard[receiver])[rows].astype(np.float32), c.recorded.topology.iq)
-    return repeating_share(samples, c.sweeps[group].line[:, receiver], c.recorded.sample_rate)
 
 
 def _by_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> bool:
