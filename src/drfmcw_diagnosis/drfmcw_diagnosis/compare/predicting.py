@@ -384,7 +384,7 @@ class Predictor:
         The readings' slope is noisy: where an effect drives the crane, its velocity stands for it.
         """
         m = part.steady
-        slope = np.where(self.recorded.standing, 0.0, self.recorded.slope)[part.groups]
+        slope = self.recorded.speed[part.groups]
         if any(effect.motion is Motion.DRIVE for effect in effects):
             slope = self.velocity(m, effects)
 

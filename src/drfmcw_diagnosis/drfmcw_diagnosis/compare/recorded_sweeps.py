@@ -44,6 +44,8 @@ class RecordedSweeps:
         slope_std: its standard deviation (G,), inf where there is no reference.
         reference_noise: standard deviation of the reference's mean in each group (G,), 0 without reference [m].
         standing: the target stands, by its slope (G,).
+        speed: its slope where it drives, 0 where it stands (G,) [m/s].
+        way: that it drives in each group at that speed (G,) [m].
         counted: it moves so little from sweep to sweep that the carrier's phase counts its way (G,).
         bands: in which their noise is compared.
     """
@@ -102,6 +104,8 @@ class RecordedSweeps:
         self.standing = speed < SWEEPS.standing
         if not self.standing.all():  # a crane that drives also starts and stops
             self.standing &= speed < SWEEPS.standing_among_drives
+        self.speed = np.where(self.standing, 0.0, self.slope)
+        self.way = self.speed * np.array([np.ptp(data.time[m]) for m in self.members])
         self.counted = np.array([s and self._is_counted(g) for g, s in enumerate(self.standing)])
         self.bands = NoiseBands(data.sweeps[0][0].sample_rate, self.parts[0].extract.window_power)
 

@@ -104,9 +104,7 @@ class SimulatedSweeps:
 
         A reflection's excess delay follows the distance; what it adds to a driving group is the mean over its way.
         """
-        groups = part.groups
-        speed = np.where(self._recorded.standing, 0.0, self._recorded.slope)[groups]
-        way = speed * np.array([np.ptp(self._recorded.data.time[self._recorded.members[g]]) for g in groups])
+        way = self._recorded.way[part.groups]
         if not way.any():
             return None
         excess = []
@@ -116,7 +114,8 @@ class SimulatedSweeps:
             state = acted(dataclasses.replace(part, steady=steady), effects)
             excess.append(np.array([path.delay - state.paths[0].delay for path in state.paths[1:]]))
         carrier = part.extract.sweeps[0].center_frequency
-        return speed if np.any(np.abs(excess[1] - excess[0]) * carrier > SIMULATION.turning) else None
+        turns = np.any(np.abs(excess[1] - excess[0]) * carrier > SIMULATION.turning)
+        return self._recorded.speed[part.groups] if turns else None
 
     def copies(
         self,

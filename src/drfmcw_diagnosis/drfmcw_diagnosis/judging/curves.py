@@ -127,8 +127,7 @@ def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.nd
     c = search.comparison
     residual = c.residual - (fitted.template if fitted is not None else 0.0)
     rest = as_measured(residual)
-    slopes = as_measured(search.slopes(fitted)) if fitted is not None else np.zeros((0, len(rest)))
-    beside = Freedom(slopes) if len(slopes) else None
+    beside = Freedom(as_measured(search.slopes(fitted)) if fitted is not None else np.zeros((0, len(rest))))
     found = np.zeros((0, len(rest)))
     named = -1.0
     for kind in (k for k in c.kinds if k.name in PATH.kinds):
@@ -162,17 +161,16 @@ class _Unnamed:
     chance: float  # of as large a gain
 
 
-def _fitted(shapes: np.ndarray, rest: np.ndarray, as_measured: Whitening, beside: Freedom | None) -> _Unnamed:
+def _fitted(shapes: np.ndarray, rest: np.ndarray, as_measured: Whitening, beside: Freedom) -> _Unnamed:
     """Return how shapes (k, n) fit what is left (n,) beside an explanation's freedom."""
-    followed = as_measured(shapes)
-    followed = beside.left(followed) if beside is not None else followed
+    followed = beside.left(as_measured(shapes))
     sizes = _sizes(followed, rest)
     gain = float(sizes @ (followed @ rest))
     return _Unnamed(shapes, gain, float(np.abs(sizes).max()), float(stats.chi2.sf(gain, len(shapes))))
 
 
 def _best_step(
-    search: Search, kind: Kind, rest: np.ndarray, as_measured: Whitening, beside: Freedom | None
+    search: Search, kind: Kind, rest: np.ndarray, as_measured: Whitening, beside: Freedom
 ) -> _Unnamed | None:
     """Return the best step over a condition, None without conditions: in one kind of number, or of a clock.
 
@@ -180,13 +178,12 @@ def _best_step(
     """
     c = search.comparison
     steps, group, rows = _steps(search), c.entries.group, c.rows(kind)
-    of_path = np.concatenate([c.rows(k) for k in c.kinds if k.name in PATH.kinds])
+    of_path = c.entries.where(kind=PATH.kinds)
     clocks = [x for x in _of_clocks(search) if float(x[rows] @ x[rows]) > 0.5 * float(x[of_path] @ x[of_path])]
     best = None
     for shape in (_alike(search, kind), *clocks):
         tried = steps[:, group] * shape
-        followed = as_measured(tried)
-        followed = beside.left(followed) if beside is not None else followed
+        followed = beside.left(as_measured(tried))
         power = np.einsum('mn,mn->m', followed, followed)
         gains = (followed @ rest) ** 2 / np.maximum(power, 1e-30)
         if len(gains) and (best is None or gains.max() > best.gain):
@@ -237,7 +234,7 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
     c, whitening = fitting.comparison, fitting.whitening
     slopes = whitening(fitting.slopes(fitted))
     rest = whitening(c.residual - fitted.template)
-    of_path = np.concatenate([c.rows(kind) for kind in c.kinds if kind.name in PATH.kinds])
+    of_path = c.entries.where(kind=PATH.kinds)
     tried = _steps(fitting)
     found = [np.inf] * len(fitted.effects)
 

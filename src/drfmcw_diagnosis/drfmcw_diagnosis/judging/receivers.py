@@ -32,12 +32,6 @@ def of_level(fitting: Fitting, level: str) -> np.ndarray:
     return np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == level])
 
 
-def of_kind(fitting: Fitting, name: str, station: int) -> np.ndarray:
-    """Return where the numbers of a kind stand, of one station or channel."""
-    c = fitting.comparison
-    return next(c.rows(kind, station) for kind in c.kinds if kind.name == name)
-
-
 def unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
     """Return the rest of a receiver's amplitude over an effect's change of the noise, both as rms in decibels.
 
@@ -54,8 +48,8 @@ def unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray,
         return 0.0
     found = 0.0
     for i in receivers_of(fitting, effect):
-        changed = _mean_square(added[of_kind(fitting, 'noise', i)], c.std.noise[:, i].ravel(), 0.0)
-        level = _mean_square(rest[of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 1.0)
+        changed = _mean_square(added[c.entries.where(kind='noise', station=i)], c.std.noise[:, i].ravel(), 0.0)
+        level = _mean_square(rest[c.entries.where(kind='amplitude', station=i)], c.std.amplitude[:, i].ravel(), 1.0)
         left = max(level, 0.0) + max(_uneven_amplitude(fitting, rest, i), 0.0)
         found = max(found, math.sqrt(left / max(changed, 1e-30)))
     return found
@@ -72,7 +66,7 @@ def uneven_power(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added
         return 0.0
     found = 0.0
     for i in receivers_of(fitting, effect):
-        changed = _mean_square(added[of_kind(fitting, 'amplitude', i)], c.std.amplitude[:, i].ravel(), 0.0)
+        changed = _mean_square(added[c.entries.where(kind='amplitude', station=i)], c.std.amplitude[:, i].ravel(), 0.0)
         found = max(found, math.sqrt(max(_uneven_amplitude(fitting, rest, i), 0.0) / max(changed, 1e-30)))
     return found
 
@@ -92,7 +86,7 @@ def repeated_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) ->
     c = fitting.comparison
     repeats, total = 0.0, 0.0
     for i in receivers_of(fitting, effect):
-        rise = added[of_kind(fitting, 'noise', i)].reshape(len(c.members), -1)
+        rise = added[c.entries.where(kind='noise', station=i)].reshape(len(c.members), -1)
         std, noise = c.std.noise[:, i], c.measured.noise[:, i]
         ratio = 1.0 - 10.0 ** (-0.1 * rise * np.where(np.isfinite(std), std, 0.0))  # of the noise there, that it adds
         share = c.repeating[:, i]
@@ -117,7 +111,7 @@ def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray) ->
     channel = next(i for i, x in enumerate(c.recorded.channels) if x.of_phase)  # the sum, or the only one
     std = c.std.ramp[:, channel]
     scale = np.where(np.isfinite(std), std, 0.0)
-    left = fitting.without_set_aside(rest)[of_kind(fitting, 'ramp', channel)].reshape(std.shape)
+    left = fitting.without_set_aside(rest)[c.entries.where(kind='ramp', station=channel)].reshape(std.shape)
     squares = (left**2 - 1.0) * scale**2
     turned = np.sqrt(np.maximum(squares.sum(axis=1), 0.0) / std.shape[1])  # rms [rad] (G,)
     band = abs(c.data.sweeps[0][0].chirp_rate) * float(c.time[-1] - c.time[0])
@@ -144,8 +138,9 @@ def receivers_of(fitting: Fitting, effect: FittedEffect) -> list[int]:
 def _uneven_amplitude(fitting: Fitting, rest: np.ndarray, receiver: int) -> float:
     """Return the mean square of what is left (n,) of a receiver's amplitude over the sweep [dB^2]."""
     # the first channels of the ramp are the stations' log amplitudes, as orthonormal cosine series
-    std = fitting.comparison.std.ramp[:, receiver].ravel()
-    return DECIBELS_PER_NEPER**2 * _mean_square(rest[of_kind(fitting, 'ramp', receiver)], std, 1.0)
+    c = fitting.comparison
+    std = c.std.ramp[:, receiver].ravel()
+    return DECIBELS_PER_NEPER**2 * _mean_square(rest[c.entries.where(kind='ramp', station=receiver)], std, 1.0)
 
 
 def _mean_square(values: np.ndarray, std: np.ndarray, chance: float) -> float:

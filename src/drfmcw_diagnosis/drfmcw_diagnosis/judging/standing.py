@@ -246,8 +246,7 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
     if not recipe.may_vanish:
         return np.inf
     slope = slopes[own.start + effect.candidate.free.index(recipe.size)]
-    others = np.delete(slopes, own, axis=0)
-    left = Freedom(others).left(slope) if len(others) else slope
+    left = Freedom(np.delete(slopes, own, axis=0)).left(slope)
     return abs(effect.values[recipe.size]) * float(np.linalg.norm(left))
 
 
@@ -275,8 +274,7 @@ def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
         own: the effect's among them.
         added: by the effect, whitened (n,).
     """
-    others = np.delete(slopes, own, axis=0)
-    followed = float(Freedom(others).followed(added)) if len(others) else 0.0
+    followed = float(Freedom(np.delete(slopes, own, axis=0)).followed(added))
     return max(1.0 - followed / max(float(added @ added), 1e-30), 1e-6)
 
 

@@ -89,8 +89,7 @@ def fewer(search: Search, fitted: Fitted) -> list[Fitted]:
 
 def _of_path(search: Search, template: np.ndarray) -> bool:
     """Return whether range and beat frequency alone show what an effect adds (n,)."""
-    c = search.comparison
-    rows = np.concatenate([c.rows(kind) for kind in c.kinds if kind.name in LIMITS.kinds])
+    rows = search.comparison.entries.where(kind=LIMITS.kinds)
     return float(np.sum(template[rows] ** 2)) > LIMITS.share * max(float(np.sum(template**2)), 1e-30)
 
 

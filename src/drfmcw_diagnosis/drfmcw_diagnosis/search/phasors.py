@@ -114,8 +114,8 @@ def reflections(rest: Rest, station: int, recipe: Recipe) -> Values:
     for place in (rest.distance, read, read + beside):
         if all(np.ptp(place - other) > far for other in places):
             places.append(place)
-    way = np.where(c.standing, 0.0, c.slope) * np.array([np.ptp(c.data.time[m]) for m in c.members])
-    each = (_fringes(c, residual, place, way) for place in places)
+    phasors = _phasors(c, residual, False)
+    each = (_fringes(c, residual, phasors, place) for place in places)
     found = dict.fromkeys(x for alike in itertools.zip_longest(*each) for x in alike if x is not None)
     return tuple(found)[: SCAN.reflections * min(len(places), 2)]
 
@@ -126,22 +126,22 @@ def _longer_by(distance: np.ndarray, products: np.ndarray) -> np.ndarray:
     return longer
 
 
-def _fringes(c: Comparison, residual: np.ndarray, distance: np.ndarray, way: np.ndarray) -> list[float]:
+def _fringes(c: Comparison, residual: np.ndarray, phasors: _Phasors, distance: np.ndarray) -> list[float]:
     """Return products of heights [m^2] whose fringes over the distances of the groups fit best, best first.
 
     Args:
         c: recording and model.
         residual: what is left of it.
+        phasors: of a path, how well they fit that.
         distance: mean of each group (G,) [m].
-        way: that the crane drives in each group (G,) [m].
     """
-    phasors = _phasors(c, residual, False)
     carrier = c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT
     # the product changes by R c / (2 f) from fringe to fringe, so fringes are closest at the nearest distance R
     step = max(float(distance.min()) / (2.0 * carrier * SCAN.per_fringe), SCAN.highest / SCAN.heights)
     products = np.arange(step, SCAN.highest, step)
     excess = _longer_by(distance, products)
     turn = np.exp(2j * math.pi * excess * carrier)
+    way = c.recorded.way
     if way.any():  # a group's mean is that over the way that the crane drives in it
         turned = _longer_by(distance + 0.5 * way, products) - _longer_by(distance - 0.5 * way, products)
         turn *= np.sinc(turned * carrier)

@@ -320,16 +320,15 @@ class Search(Fitting):
         Only the error of the reference says that the crane stands elsewhere, where a reflection has other fringes.
         """
         found = []
-        slopes = self.slopes(fitted)
+        slopes, templates = self.slopes(fitted), self.whitening(self.templates)
+        moving = np.array([displaces(c.kind) for c in self.bank], bool)
+        tried = [bool(c.recipe.size) and self._is_other(c, c.values, fitted.effects) for c in self.bank]
         for number, (effect, own) in enumerate(zip(fitted.effects, fitted.spans, strict=True)):
-            moves = displaces(effect.candidate.kind)
-            others = [i for i, c in enumerate(self.bank) if displaces(c.kind) != moves and c.recipe.size]
-            others = [i for i in others if self._is_other(self.bank[i], self.bank[i].values, fitted.effects)]
-            freedom = self._freedom_beside(slopes, own)
-            added, tried = (self.whitening(x) for x in (self._template([effect.build()]), self.templates[others]))
-            if freedom is not None:
-                added, tried = freedom.left(added), freedom.left(tried)
-            power, along = np.einsum('mj,mj->m', tried, tried), tried @ added
+            others = np.flatnonzero(tried & (moving != displaces(effect.candidate.kind)))
+            freedom = Freedom(self.whitening(np.delete(slopes, own, axis=0)))
+            added = freedom.left(self.whitening(self._template([effect.build()])))
+            shown = freedom.left(templates[others])
+            power, along = np.einsum('mj,mj->m', shown, shown), shown @ added
             alike = along**2 > SEARCH.same_shape**2 * power * float(added @ added)
             for i in np.flatnonzero(alike)[:1]:
                 other = self.bank[others[i]]
