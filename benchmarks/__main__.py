@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 from simulation import bench_simulation
 
-from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
 
 BENCHMARKS = {
     'simulation': bench_simulation,

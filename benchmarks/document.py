@@ -12,7 +12,7 @@ from typing import Any
 from figures import Figure, number
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / 'docs' / 'benchmarks.json'

@@ -23,7 +23,7 @@ from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_gateway.opcua import NAMESPACE
 from drfmcw_gateway.quantities import BLOCK, PAIR_QUANTITIES, PAIR_REGISTERS, offsets
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_study.soak_gateway import free_port
 
 _PAIR = 'master/slave'

@@ -17,7 +17,7 @@ from rich.table import Table
 from drfmcw_bringup.graph import FUSION, REPLAY, SIMULATOR, STATION, Graph, Member, parameters, private_environment
 from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import read_scenario
 

@@ -19,7 +19,7 @@ from rich.progress import track
 from drfmcw_bringup.graph import SIMULATOR, Graph, parameters, private_environment
 from drfmcw_bringup.monitor import RangeMonitor, monitored
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 
 RATE, FULL_RATE = 200.0, 900.0
 """Sweep pairs per second of a crane, and of a graph that is nearly as fast as it can be."""

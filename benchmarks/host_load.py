@@ -17,9 +17,9 @@ from rclpy.serialization import serialize_message
 from drfmcw_fusion.batch import Gathering
 from drfmcw_fusion.pipeline import RangeResult
 from drfmcw_node.processing import excerpt
-from drfmcw_ros import qos
-from drfmcw_ros.messages import publish
-from drfmcw_ros.topics import DISPLAYED
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import publish
+from drfmcw_ros.graph.topics import DISPLAYED
 
 _BINS = 1024
 _BURST = 5e-3  # messages due within it are published together [s]

@@ -20,8 +20,8 @@ from rich.progress import track
 
 from drfmcw_bringup.graph import SIMULATOR, Graph, parameters, private_environment
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros import qos
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
+from drfmcw_ros.graph import qos
 
 _RATE = 500.0  # sweep pairs per second
 _WARM_UP = 8.0  # start of the processes, discovery, first use of every code path [s]

@@ -10,7 +10,7 @@ from figures import Figure
 from measuring import rates
 from rich.console import Console
 
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import Scenario, read_scenario
 from drfmcw_sim.synthesis.signal_model import synthesise

@@ -15,12 +15,12 @@ _MOST_WORKERS = 6  # of the tests: many of them start processes of their own
 def execute(root, module, arguments):
     """Replace this process by `python -m module arguments` in the environment; does not return.
 
-    A SIGINT waits until `drfmcw_ros.begin` takes it, so that none ends in a traceback of the interpreter's start.
+    A SIGINT waits until `drfmcw_ros.commands.begin` takes it: none ends in a traceback of the interpreter's start.
     """
     python = os.path.join(root, stamp.VENV, "bin", "python")
     target = [os.path.join(root, module)] if module.endswith("/") else ["-m", module]
     if module.startswith("drfmcw_"):
-        target = ["-m", "drfmcw_ros.begin", module]
+        target = ["-m", "drfmcw_ros.commands.begin", module]
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     environ = variables(root, os.environ)
     if module == "pytest":

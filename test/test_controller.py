@@ -23,8 +23,8 @@ from tf2_msgs.msg import TFMessage
 from drfmcw_bringup.graph import FOLLOWER, FRAMES, FUSION, GATEWAY, parameters
 from drfmcw_gateway.quantities import BLOCK, PAIR_QUANTITIES, offsets
 from drfmcw_gateway.reading import STATES, Quality
-from drfmcw_ros import qos
-from drfmcw_ros.messages import stamp_ns
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import stamp_ns
 
 pytestmark = pytest.mark.graph
 

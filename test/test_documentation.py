@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from drfmcw_physics.settings import declared_parameters
-from drfmcw_ros.parameter_tables import filled
-from drfmcw_ros.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
+from drfmcw_ros.graph.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
+from drfmcw_ros.nodes.parameter_tables import filled
 from drfmcw_sim import scenario, trajectory
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +65,7 @@ def topics_in(package):
 @pytest.mark.parametrize('document', DOCUMENTS, ids=name)
 def test_tables_are_those_of_the_declarations(document):
     text = document.read_text(encoding='utf-8')
-    assert filled(text) == text, f'run python -m drfmcw_ros.parameter_tables {name(document)}'
+    assert filled(text) == text, f'run python -m drfmcw_ros.nodes.parameter_tables {name(document)}'
 
 
 def test_every_key_of_a_scenario_is_documented():

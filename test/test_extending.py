@@ -15,7 +15,7 @@ import rclpy
 from drfmcw_msgs.msg import BeatFrequency, SweepConfig
 from rclpy.executors import SingleThreadedExecutor
 
-from drfmcw_ros import qos
+from drfmcw_ros.graph import qos
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path('src', 'drfmcw_node')

@@ -9,7 +9,7 @@ from test_graph import STANDING, scenario_file, site
 
 from drfmcw_bringup.graph import FUSION, SIMULATOR, STATION, parameters
 from drfmcw_bringup.run import PATIENT
-from drfmcw_ros import qos
+from drfmcw_ros.graph import qos
 
 pytestmark = pytest.mark.graph
 

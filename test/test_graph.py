@@ -40,9 +40,9 @@ from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_fusion.replayed.verification import compare
 from drfmcw_node.processing.records import Sweep
-from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.messages import from_message, stamp_ns, to_message
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message, stamp_ns, to_message
 from drfmcw_sim.scenario import read_scenario
 
 pytestmark = pytest.mark.graph

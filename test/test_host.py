@@ -25,9 +25,9 @@ from drfmcw_bringup.run import start_graph
 from drfmcw_host.files.recordings import Recordings
 from drfmcw_host.web.frame import VIEWS, path_of
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_ros import qos
 from drfmcw_ros.calibration.store import CalibrationStore
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
+from drfmcw_ros.graph import qos
 from drfmcw_sim.scenario import read_scenario
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]

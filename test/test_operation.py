@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.graph.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
 from drfmcw_ros.operation import keystore
 from drfmcw_ros.operation.security import fast_dds_is_secure, policy, refuse_pretence, rights
 from drfmcw_ros.operation.watchdog import Watchdog
-from drfmcw_ros.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
 
 ROOT = Path(__file__).parents[1]
 UNITS = sorted((ROOT / 'src/drfmcw_ros/systemd').glob('*.service'))

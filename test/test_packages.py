@@ -16,6 +16,9 @@ PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/setup.py'))
 """Those with Python code; drfmcw_msgs holds messages only."""
 
 DATA_LIMIT = 15_000_000  # of test/data [bytes]
+ROOM_LIMIT = 12  # modules in a room, see docs/architecture.md
+REGISTRIES = {'drfmcw_sim/effects'}
+"""Rooms with a file for each entry, of which there are as many as there are."""
 
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
@@ -135,6 +138,16 @@ def test_every_package_has_a_changelog_that_catkin_reads(path):
     assert text.startswith(f'{"^" * len(title)}\n{title}\n{"^" * len(title)}\n')
     version = str(ElementTree.parse(path).findtext('version'))
     assert re.search(rf'^(Forthcoming|{re.escape(version)} \(.*\))\n-+\n\* ', text, re.MULTILINE)
+
+
+@pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
+def test_rooms_are_small_enough_to_be_known(package):
+    """A newcomer reads what a room holds at a glance."""
+    rooms = [folder for folder in (package / package.name).rglob('*') if folder.is_dir()]
+    for room in [package / package.name, *rooms]:
+        modules = [path.stem for path in room.glob('*.py') if path.stem != '__init__']
+        name = str(room.relative_to(package))
+        assert len(modules) <= ROOM_LIMIT or name in REGISTRIES, f'{name} holds {len(modules)} modules: make rooms'
 
 
 def test_tests_have_names_of_their_own():

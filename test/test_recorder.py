@@ -19,7 +19,7 @@ from std_msgs.msg import UInt8MultiArray
 
 from drfmcw_bringup.graph import private_environment
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.messages import to_time
+from drfmcw_ros.graph.messages import to_time
 
 pytestmark = pytest.mark.timeout(120)
 FAST, SLOW = '/fast', '/slow'

@@ -20,9 +20,9 @@ from test_graph import ROOT, STANDING, scenario_file, site
 from drfmcw_bringup import graph as graphs
 from drfmcw_bringup.graph import STATION, Graph, Member
 from drfmcw_bringup.run import start_graph
-from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.publishers import Publishers
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.publishers import Publishers
 from drfmcw_ros.work import children
 from drfmcw_sim.scenario import read_scenario
 

@@ -15,8 +15,8 @@ from drfmcw_fusion.replayed.report import summary, table, write_plot
 from drfmcw_fusion.replayed.statistics import setting_statistics
 from drfmcw_fusion.replayed.verification import compare_with_recorded
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import Parser, guarded
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.cli import Parser, guarded
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 from drfmcw_sim.timeline import Timeline
 

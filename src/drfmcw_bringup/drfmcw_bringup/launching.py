@@ -15,7 +15,7 @@ from drfmcw_node.sources.sockets import SocketSettings
 from drfmcw_node.station_settings import StationSettings
 from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters, read_yaml
 from drfmcw_ros.calibration.store import state_directory
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 
 from .graph import WRONG_CONFIGURATION
 

@@ -13,10 +13,10 @@ from drfmcw_msgs.msg import RangeEstimate
 from rclpy.node import Node
 
 from drfmcw_fusion.pipeline import flag_names
-from drfmcw_ros import qos
-from drfmcw_ros.messages import stamp_ns
-from drfmcw_ros.publishers import Publishers
-from drfmcw_ros.runner import Executor
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import stamp_ns
+from drfmcw_ros.graph.publishers import Publishers
+from drfmcw_ros.nodes.runner import Executor
 
 _RATE_TIME = 2.0  # over which the rate is counted [s]
 

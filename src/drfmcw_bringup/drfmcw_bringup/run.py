@@ -12,8 +12,8 @@ from rich.text import Text
 
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
-from drfmcw_ros.cli import Parser, guarded
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.cli import Parser, guarded
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 
 from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, parameters, private_environment

@@ -9,7 +9,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from drfmcw_bringup import launching
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.scenario import read_scenario
 from launch import LaunchDescription
 

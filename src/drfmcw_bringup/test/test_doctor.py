@@ -17,7 +17,7 @@ from drfmcw_bringup.doctor.files import check_file
 from drfmcw_bringup.doctor.finding import ERROR, OK, WARN
 from drfmcw_bringup.doctor.graph import check_graph
 from drfmcw_bringup.graph import free_domain_id
-from drfmcw_ros import qos
+from drfmcw_ros.graph import qos
 
 FILES = [p for p in (*CONFIG.glob('*.yaml'), *CONFIG.glob('hardware/*.yaml')) if p.stem != 'requirements']
 """Scenarios and parameter files."""

@@ -24,9 +24,9 @@ from drfmcw_diagnosis.live.window import Window, WindowSettings
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
 from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros import qos
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.messages import from_message
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message
 
 WATCH = 'drfmcw_diagnosis.live.node'
 LIMIT = 150.0  # for a full search on a busy machine [s]

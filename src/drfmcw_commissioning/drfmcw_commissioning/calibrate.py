@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.commands.cli import Parser, guarded
 
 from . import stored
 from .indoors import command as indoors

@@ -15,7 +15,7 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.topics import is_measured, split_station_topic
+from drfmcw_ros.graph.topics import is_measured, split_station_topic
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.bag.options import add_damage_option
-from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
 from drfmcw_ros.work.progress import Progress
 
 from .engine import LIMITS, diagnose

@@ -16,7 +16,7 @@ from drfmcw_diagnosis.recording.limits import GROUPS
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, beat_frequency
 from drfmcw_ros.bag.files import BagReader, BagWriter, typestore
-from drfmcw_ros.cli import guarded
+from drfmcw_ros.commands.cli import guarded
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import Scenario, read_scenario, scenario_from_mapping
 from drfmcw_sim.timeline import Timeline

@@ -21,22 +21,22 @@ from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import FluidPressure, Range, RelativeHumidity, Temperature
 
 from drfmcw_node.processing.records import Beat
-from drfmcw_physics.history import LIVE
-from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.plausible import printable
-from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, NO_TURNS, Share, Turns, falls_short
+from drfmcw_physics.rules.history import LIVE
+from drfmcw_physics.rules.mode import ModeSettings
+from drfmcw_physics.rules.plausible import printable
+from drfmcw_physics.rules.schedule import LARGEST_PRIORITY, LARGEST_RATE, NO_TURNS, Share, Turns, falls_short
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros import qos
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import check, from_message, publish, stamp_ns, to_message
-from drfmcw_ros.operation.managed import ManagedNode
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.publishers import Publishers
-from drfmcw_ros.runner import run
-from drfmcw_ros.topics import DISPLAYED
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import check, from_message, publish, stamp_ns, to_message
+from drfmcw_ros.graph.publishers import Publishers
+from drfmcw_ros.graph.topics import DISPLAYED
+from drfmcw_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.nodes.managed import ManagedNode
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 
 from .batch import Gathering
 from .integrity.settings import IntegritySettings

@@ -16,8 +16,8 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import nearest
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagError, BagReader
-from drfmcw_ros.messages import ImplausibleError, check, from_message, stamp_ns
-from drfmcw_ros.topics import SITE_TOPICS, is_measured, split_station_topic
+from drfmcw_ros.graph.messages import ImplausibleError, check, from_message, stamp_ns
+from drfmcw_ros.graph.topics import SITE_TOPICS, is_measured, split_station_topic
 
 from .pipeline import RangeFusion, RangeResult
 from .settings import FusionSettings

@@ -10,8 +10,8 @@ from drfmcw_node.estimators.estimation import Flag as BeatFlag
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.air import refractive_index
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_physics.history import WHOLE, History
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.rules.history import WHOLE, History
 from drfmcw_physics.sweep import SweepSettings
 
 from .combination import PathDelay, Station, combine, own_path

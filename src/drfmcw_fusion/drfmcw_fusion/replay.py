@@ -15,7 +15,7 @@ from drfmcw_physics.settings import ConfigurationError, declared_parameters, fro
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.calibration.document import read_document
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
 from drfmcw_ros.work.progress import Progress
 
 from .offline import RecordingReplay, Replay

@@ -3,8 +3,8 @@
 import dataclasses
 from collections.abc import Callable, Mapping
 
-from drfmcw_physics.mode import ModeSettings, choose_mode
-from drfmcw_physics.schedule import NO_TURNS, Share, Turns
+from drfmcw_physics.rules.mode import ModeSettings, choose_mode
+from drfmcw_physics.rules.schedule import NO_TURNS, Share, Turns
 from drfmcw_physics.sweep import Mode, SweepSettings
 
 from .pipeline import RangeResult

@@ -18,7 +18,7 @@ from drfmcw_fusion.crane.frames import FramesNode
 from drfmcw_fusion.crane.geometry import SiteGeometry
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros import qos
+from drfmcw_ros.graph import qos
 
 SITE = {'fixed_x': -2.0, 'fixed_y': 0.5, 'fixed_z': 12.5, 'crane_x': -1.5, 'crane_y': -0.5, 'crane_z': 8.0}
 

@@ -6,8 +6,8 @@ import pytest
 
 from drfmcw_fusion.fusion import PairSettings
 from drfmcw_fusion.requesting import ModeRequests, TurnRequests
-from drfmcw_physics.mode import ModeSettings
-from drfmcw_physics.schedule import NO_TURNS
+from drfmcw_physics.rules.mode import ModeSettings
+from drfmcw_physics.rules.schedule import NO_TURNS
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
 

@@ -29,12 +29,12 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_node.station import StationNode
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.plausible import LIMITS, refusal
+from drfmcw_physics.rules.plausible import LIMITS, refusal
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.diagnostics import Diagnostics, Status
-from drfmcw_ros.messages import to_message
-from drfmcw_ros.publishers import Publishers
-from drfmcw_ros.runner import Executor, Finished, failures, spin
+from drfmcw_ros.graph.messages import to_message
+from drfmcw_ros.graph.publishers import Publishers
+from drfmcw_ros.nodes.diagnostics import Diagnostics, Status
+from drfmcw_ros.nodes.runner import Executor, Finished, failures, spin
 
 START = 1_700_000_000_000_000_000
 FUZZ = hypothesis_settings(

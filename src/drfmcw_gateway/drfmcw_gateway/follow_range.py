@@ -18,12 +18,12 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
 from drfmcw_physics.settings import parameter
-from drfmcw_ros import qos
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import run
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message
+from drfmcw_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 
 from .reading import Estimate, PairState, Quality, Reading
 

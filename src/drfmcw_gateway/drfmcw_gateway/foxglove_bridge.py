@@ -12,14 +12,14 @@ from typing import Any
 from rclpy.node import Node
 
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_ros import qos
 from drfmcw_ros.bag.definitions import reason, typestore
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
-from drfmcw_ros.messages import message_class
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import run
-from drfmcw_ros.topics import is_latched
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import message_class
+from drfmcw_ros.graph.topics import is_latched
+from drfmcw_ros.nodes.diagnostics import WARN, Diagnostics, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 
 from .settings import is_loopback, refuse_half_a_pair
 

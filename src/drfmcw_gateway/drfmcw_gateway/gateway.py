@@ -13,13 +13,13 @@ from drfmcw_msgs.msg import RangeEstimate
 from rclpy.node import Node
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros import qos
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.publishers import Publishers
-from drfmcw_ros.runner import run
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message
+from drfmcw_ros.graph.publishers import Publishers
+from drfmcw_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 
 from .board import Board
 from .certificates import make_certificate

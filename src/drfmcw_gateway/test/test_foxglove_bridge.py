@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 
 from drfmcw_gateway.foxglove_bridge import FoxgloveSettings
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros import qos
+from drfmcw_ros.graph import qos
 
 pytest.importorskip('foxglove')
 client = pytest.importorskip('websockets.sync.client')

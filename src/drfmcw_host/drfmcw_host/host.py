@@ -16,9 +16,9 @@ from typing import Any
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.runner import run
-from drfmcw_ros.versions import release, running
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.commands.versions import release, running
+from drfmcw_ros.nodes.runner import run
 
 from .access.attempts import Attempts
 from .access.audit import Audit

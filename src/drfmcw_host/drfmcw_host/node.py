@@ -28,10 +28,10 @@ from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros import qos
-from drfmcw_ros.diagnostics import Diagnostics, Status
-from drfmcw_ros.messages import from_message, stamp_ns
-from drfmcw_ros.topics import DISPLAYED
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message, stamp_ns
+from drfmcw_ros.graph.topics import DISPLAYED
+from drfmcw_ros.nodes.diagnostics import Diagnostics, Status
 
 from .files.calibrations import Calibrations
 from .state.decoding import batch_readings, range_reading

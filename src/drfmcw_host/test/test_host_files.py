@@ -13,7 +13,7 @@ from drfmcw_host.configure.values import Described, shown, split_unit, typed
 from drfmcw_host.files.findings import Effect, Findings
 from drfmcw_host.files.recordings import Recordings
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 ESCAPES = ['..', '.', '', '../other', '/etc', 'a/b', 'a\\b', 'a\0b', '.hidden', 'x' * 101, 'ä', 'a\n', '~']
 

@@ -18,7 +18,7 @@ from drfmcw_host.state.history import WINDOWS, History
 from drfmcw_host.state.readings import Diagnostic, LogLine, RangeReading, SiteReading, decimated
 from drfmcw_host.state.store import Store
 from drfmcw_host.state.verdicts import Span, Verdicts
-from drfmcw_ros.messages import to_message
+from drfmcw_ros.graph.messages import to_message
 
 SECOND = 1_000_000_000
 

@@ -14,8 +14,8 @@ import numpy as np
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.bag.files import BagError, BagReader
 from drfmcw_ros.bag.options import add_damage_option
-from drfmcw_ros.cli import Parser, guarded
-from drfmcw_ros.messages import stamp_ns
+from drfmcw_ros.commands.cli import Parser, guarded
+from drfmcw_ros.graph.messages import stamp_ns
 
 from .look.sweeps import messages, stations
 

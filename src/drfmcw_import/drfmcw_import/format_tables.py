@@ -1,7 +1,7 @@
-"""Tables of the formats for the README, made from their declarations (drfmcw_ros.parameter_tables)."""
+"""Tables of the formats for the README, made from their declarations (drfmcw_ros.nodes.parameter_tables)."""
 
 from drfmcw_physics.settings import declared_parameters
-from drfmcw_ros.parameter_tables import parameter_table
+from drfmcw_ros.nodes.parameter_tables import parameter_table
 
 from .formats.base import known_formats
 

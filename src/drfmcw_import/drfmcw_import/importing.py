@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import TextColumn, TimeElapsedColumn
 
 from drfmcw_ros.bag.files import STORAGES
-from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.commands.cli import Parser, guarded
 from drfmcw_ros.work.progress import Progress
 
 from .convert.recording import Imported, Importer, read_settings

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drfmcw_ros.bag.options import add_damage_option
-from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
 
 
 def parser() -> argparse.ArgumentParser:

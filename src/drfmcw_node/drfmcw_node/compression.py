@@ -140,7 +140,7 @@ def _codec(name: str) -> tuple[Callable, Callable]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Print ratio and time of every codec on a recording: ``python -m drfmcw_node.compression RECORDING``."""
     from drfmcw_ros.bag.files import BagReader
-    from drfmcw_ros.cli import Parser, guarded
+    from drfmcw_ros.commands.cli import Parser, guarded
 
     parser = Parser(prog='compression', description='Compression ratio of the sweeps of a recording.')
     parser.add_argument('recording', help='rosbag2 recording with if_samples')

@@ -4,10 +4,10 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from drfmcw_physics.history import LIVE
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import WARN, Status
-from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_physics.rules.history import LIVE
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.nodes.diagnostics import WARN, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
 
 from .processing.pair_processor import PairProcessor
 from .processing.records import Sweep

@@ -13,9 +13,9 @@ import urllib.parse
 from collections.abc import Sequence
 from typing import Any
 
-from drfmcw_physics.schedule import NO_TURNS
+from drfmcw_physics.rules.schedule import NO_TURNS
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.commands.cli import Parser, guarded
 
 from .sources.feed import (
     FRAGMENT_PAYLOAD,

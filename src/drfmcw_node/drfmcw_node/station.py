@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from drfmcw_msgs.msg import CompressedIfSamples
 
-from drfmcw_physics.history import LIVE
-from drfmcw_physics.plausible import printable
+from drfmcw_physics.rules.history import LIVE
+from drfmcw_physics.rules.plausible import printable
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros import qos
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import ERROR, WARN, Status
-from drfmcw_ros.messages import NANOSECONDS, to_message
-from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import NANOSECONDS, to_message
+from drfmcw_ros.nodes.diagnostics import ERROR, WARN, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
 
 from .compression import compress
 from .processing.processor import StationProcessor

@@ -20,16 +20,16 @@ from drfmcw_msgs.msg import (
 )
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.plausible import printable
+from drfmcw_physics.rules.plausible import printable
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros import qos
-from drfmcw_ros.diagnostics import ERROR, WARN, Diagnostics, Status
-from drfmcw_ros.messages import check, from_message, publish, stamp_ns, to_message
-from drfmcw_ros.operation.managed import ManagedNode
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import run
-from drfmcw_ros.topics import DISPLAYED
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import check, from_message, publish, stamp_ns, to_message
+from drfmcw_ros.graph.topics import DISPLAYED
+from drfmcw_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Status
+from drfmcw_ros.nodes.managed import ManagedNode
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 
 from .compression import CompressionError, decompress_message
 from .estimators.estimation import EstimatorSettings, Flag
@@ -336,7 +336,7 @@ def run_named(
     """Run a node in the namespace of its station; return the exit status.
 
     Args:
-        node_class: as `drfmcw_ros.runner.run` takes it.
+        node_class: as `drfmcw_ros.nodes.runner.run` takes it.
         stations: parameters that name stations, the one that gives the namespace first, and the names given on the
             command line, None for those that were not.
         config: ROS parameter file, None for none.

@@ -11,15 +11,15 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, NO_TURNS, Share, Turns
+from drfmcw_physics.rules.schedule import LARGEST_PRIORITY, LARGEST_RATE, NO_TURNS, Share, Turns
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
-from drfmcw_ros.messages import to_message
-from drfmcw_ros.parameters import SettingsParameters
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import to_message
+from drfmcw_ros.nodes.parameters import SettingsParameters
 
 from .processing.records import Sweep
 from .sources.feed import Frame, Request, TurnsRequest

@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter
 
 from drfmcw_node.station import StationNode
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Clock, Delay, Document, Temperatures
 from drfmcw_ros.calibration.store import CalibrationStore
+from drfmcw_ros.graph import qos
 
 WAIT = 20.0  # for an answer, on a busy machine [s]
 DOCUMENT = Document(

@@ -13,10 +13,10 @@ from rclpy.parameter import Parameter
 
 from drfmcw_node.sources.feed import Frame, Request, TurnsRequest, decode_requests, encode
 from drfmcw_node.station import StationNode
-from drfmcw_physics.schedule import Share
+from drfmcw_physics.rules.schedule import Share
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros import qos
-from drfmcw_ros.messages import to_message
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import to_message
 
 WAIT = 20.0  # for anything, on a busy machine [s]
 

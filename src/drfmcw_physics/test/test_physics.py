@@ -17,11 +17,11 @@ from drfmcw_physics.bounds import (
     phase_noise_std,
 )
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_physics.history import History
 from drfmcw_physics.link_budget import received_power
-from drfmcw_physics.mode import ModeSettings, choose_mode
 from drfmcw_physics.oscillators import range_bias
 from drfmcw_physics.phase_noise import PhaseNoise, around_line, combination_gain, variance_after_delay, variance_within
+from drfmcw_physics.rules.history import History
+from drfmcw_physics.rules.mode import ModeSettings, choose_mode
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
 
 NOISE = PhaseNoise(-90.0, 200e3)

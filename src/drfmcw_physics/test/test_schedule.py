@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drfmcw_physics.schedule import Demand, schedule
+from drfmcw_physics.rules.schedule import Demand, schedule
 
 SLOT = 0.02
 ONE_DEMAND = st.builds(Demand, rate=st.one_of(st.just(math.nan), st.floats(0.1, 60.0)), priority=st.integers(-2, 2))

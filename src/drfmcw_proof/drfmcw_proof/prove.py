@@ -23,8 +23,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 
 from drfmcw_diagnosis.diagnose import main as diagnose
 from drfmcw_physics.settings import ConfigurationError, nearest
-from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_ros.versions import versions
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.versions import versions
 from drfmcw_ros.work.processes import Worker, WorkFailed
 from drfmcw_ros.work.progress import Progress
 

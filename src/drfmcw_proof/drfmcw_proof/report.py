@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from . import figures
 from .cases.plan import GROUPS

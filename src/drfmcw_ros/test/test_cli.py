@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import guarded
+from drfmcw_ros.commands.cli import guarded
 from drfmcw_ros.work import children
 
 
@@ -61,7 +61,7 @@ def test_ctrl_c_while_the_interpreter_starts_is_silent():
 
 SWALLOWING = """
 import os, signal, sys, time, weakref
-from drfmcw_ros.cli import guarded
+from drfmcw_ros.commands.cli import guarded
 
 def interrupt(reference=None):
     os.kill(os.getpid(), signal.SIGINT)
@@ -102,8 +102,8 @@ def test_a_module_that_was_begun_is_the_main_one():
 def test_node_that_lacks_a_device_may_be_started_again():
     """Status 2 is final for whoever supervises it; what the system refuses now may be there later."""
     program = """
-from drfmcw_ros.cli import guarded
-from drfmcw_ros.runner import run
+from drfmcw_ros.commands.cli import guarded
+from drfmcw_ros.nodes.runner import run
 
 def node():
     open('/nowhere/at/all')

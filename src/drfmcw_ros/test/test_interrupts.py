@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-OBJECT = 'from rclpy.task import Future; from drfmcw_ros.interrupts import keep; keep(); '
+OBJECT = 'from rclpy.task import Future; from drfmcw_ros.commands.interrupts import keep; keep(); '
 
 
 def said(code):

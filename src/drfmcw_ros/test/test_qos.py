@@ -14,8 +14,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
-from drfmcw_ros import messages, qos
-from drfmcw_ros.diagnostics import Diagnostics
+from drfmcw_ros.graph import messages, qos
+from drfmcw_ros.nodes.diagnostics import Diagnostics
 
 pytestmark = pytest.mark.graph
 

@@ -8,8 +8,8 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 
-from drfmcw_ros import qos, streams
-from drfmcw_ros.runner import Executor, Finished, spin
+from drfmcw_ros.graph import qos, streams
+from drfmcw_ros.nodes.runner import Executor, Finished, spin
 
 pytestmark = pytest.mark.graph
 

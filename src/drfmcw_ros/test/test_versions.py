@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.versions import release, running, versions
+from drfmcw_ros.commands.versions import release, running, versions
 
 
 def test_digest_follows_the_code_while_the_process_runs(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""The catalogue of effects in the documentation, from their declarations (see drfmcw_ros.parameter_tables).
+"""The catalogue of effects in the documentation, from their declarations (see drfmcw_ros.nodes.parameter_tables).
 
 What an effect of typical size does to the range is simulated as the catalogue is made.
 """
@@ -15,7 +15,7 @@ from drfmcw_physics.bounds import LineNoise, coloured_bound
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_physics.sweep import Mode
-from drfmcw_ros.parameter_tables import parameter_table
+from drfmcw_ros.nodes.parameter_tables import parameter_table
 
 from .effects import Effect, Of
 from .measurements import Measurements

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.bag.files import BagWriter, typestore
-from drfmcw_ros.topics import SITE_TOPICS, STATION_TOPICS, split_station_topic
+from drfmcw_ros.graph.topics import SITE_TOPICS, STATION_TOPICS, split_station_topic
 from drfmcw_ros.work.processes import Worker, WorkFailed
 
 from .scenario import Scenario

@@ -3,7 +3,7 @@
 import math
 import threading
 
-from drfmcw_physics.schedule import Demand, Share
+from drfmcw_physics.rules.schedule import Demand, Share
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import yaml
 
-from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.schedule import LARGEST_PRIORITY, LARGEST_RATE, Demand, Schedule, schedule
+from drfmcw_physics.rules.mode import ModeSettings
+from drfmcw_physics.rules.schedule import LARGEST_PRIORITY, LARGEST_RATE, Demand, Schedule, schedule
 from drfmcw_physics.settings import (
     ConfigurationError,
     Parameter,
@@ -23,7 +23,7 @@ from drfmcw_physics.settings import (
 )
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
 from drfmcw_ros.calibration.document import read_document
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 
 from .effects import Effect, effect_from_mapping
 from .synthesis.measured import Measured, read_measured

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
-from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.commands.cli import Parser, guarded
 from drfmcw_ros.work.progress import Progress
 
 from .recording import write_recording

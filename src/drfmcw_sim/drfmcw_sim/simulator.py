@@ -13,17 +13,17 @@ from drfmcw_msgs.msg import BeatFrequency, RangeEstimate, SweepConfig, SweepSche
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from drfmcw_physics.schedule import Share
+from drfmcw_physics.rules.schedule import Share
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_ros import qos
 from drfmcw_ros.calibration.document import Document
 from drfmcw_ros.calibration.service import CalibrationService
 from drfmcw_ros.calibration.store import CalibrationStore
-from drfmcw_ros.diagnostics import OK, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message, message_class, publish
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import Finished, run
-from drfmcw_ros.topics import is_latched, is_per_peer
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message, message_class, publish
+from drfmcw_ros.graph.topics import is_latched, is_per_peer
+from drfmcw_ros.nodes.diagnostics import OK, WARN, Diagnostics, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import Finished, run
 
 from .flow_control import Acknowledgements
 from .recording import message_type

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from drfmcw_physics.air import refractive_index
-from drfmcw_physics.mode import choose_mode
-from drfmcw_physics.schedule import Demand, Share
+from drfmcw_physics.rules.mode import choose_mode
+from drfmcw_physics.rules.schedule import Demand, Share
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_scenario import unequal
 
-from drfmcw_physics.schedule import Demand, Share
+from drfmcw_physics.rules.schedule import Demand, Share
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode
 from drfmcw_sim.requests import Requests

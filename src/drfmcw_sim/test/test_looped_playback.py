@@ -10,8 +10,8 @@ from drfmcw_msgs.msg import IfSamples
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from drfmcw_ros import qos
-from drfmcw_ros.messages import stamp_ns
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import stamp_ns
 from drfmcw_sim.simulator import Simulator
 
 LIMIT = 60.0  # on a busy machine [s]

@@ -9,7 +9,7 @@ from checkout import CONFIG
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drfmcw_physics.mode import choose_mode
+from drfmcw_physics.rules.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_physics.sweep import Mode
 from drfmcw_sim.effects import Effect

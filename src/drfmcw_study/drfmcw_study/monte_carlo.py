@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, T
 from rich.text import Text
 
 from drfmcw_physics.settings import ConfigurationError, read_yaml
-from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_ros.work.progress import Progress
 
 from . import summary

@@ -14,7 +14,7 @@ import numpy as np
 
 from drfmcw_fusion.settings import FusionSettings
 from drfmcw_node.estimators.estimation import EstimatorSettings
-from drfmcw_physics.mode import choose_mode
+from drfmcw_physics.rules.mode import choose_mode
 from drfmcw_physics.settings import ConfigurationError, from_mapping
 from drfmcw_physics.sweep import Mode
 from drfmcw_sim.scenario import Scenario, override, scenario_from_mapping

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, nearest
-from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
 from drfmcw_ros.work.progress import Progress
 
 from .paper import claims, figures

@@ -18,7 +18,7 @@ from drfmcw_fusion.pipeline import RangeFusion
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_node.processing.records import Sweep
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
 from drfmcw_sim.synthesis.signal_model import synthesise
 
 from .campaign.faults import Fault

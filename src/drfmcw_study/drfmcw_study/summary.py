@@ -16,7 +16,7 @@ from rich.table import Table
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.sweep import Mode
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from .points import distance_and_mode, settings
 from .trials.moments import Moments

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import Parser, guarded
+from drfmcw_ros.commands.cli import Parser, guarded
 
 from .files import check_file
 from .finding import ERROR, Finding

@@ -18,11 +18,11 @@ from drfmcw_node.station_settings import (
     SpectrumSettings,
     StationSettings,
 )
-from drfmcw_physics.mode import ModeSettings
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.rules.mode import ModeSettings
 from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, declared_parameters, nearest, read_yaml
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.operation.managed import LifecycleSettings
+from drfmcw_ros.nodes.managed import LifecycleSettings
 from drfmcw_sim.scenario import read_scenario
 from drfmcw_sim.simulator import SimulatorSettings
 

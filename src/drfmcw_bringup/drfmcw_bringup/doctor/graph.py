@@ -13,9 +13,9 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
-from drfmcw_ros import qos
-from drfmcw_ros.messages import message_class, stamp_ns
-from drfmcw_ros.topics import PAIR_TOPICS, STATION_TOPICS, is_latched, split_station_topic
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import message_class, stamp_ns
+from drfmcw_ros.graph.topics import PAIR_TOPICS, STATION_TOPICS, is_latched, split_station_topic
 
 from .finding import ERROR, OK, WARN, Finding
 

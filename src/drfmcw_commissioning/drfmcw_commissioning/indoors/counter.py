@@ -8,7 +8,7 @@ import numpy as np
 import pyvisa
 from pyvisa.errors import VisaIOError
 
-from drfmcw_physics.plausible import printable_line
+from drfmcw_physics.rules.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
 
 from .readings import Reading

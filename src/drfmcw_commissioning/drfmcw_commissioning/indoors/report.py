@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from .curve import Curve
 from .noise import ReceiverNoise

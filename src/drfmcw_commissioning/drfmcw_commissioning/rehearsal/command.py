@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 from drfmcw_ros.work.processes import WorkFailed, unordered
 from drfmcw_ros.work.progress import Progress
 

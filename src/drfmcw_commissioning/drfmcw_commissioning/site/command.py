@@ -14,7 +14,7 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_ros.bag.options import add_damage_option
 from drfmcw_ros.calibration.document import Document, from_calibration, implausible, read_document
 from drfmcw_ros.calibration.store import CalibrationStore, state_directory
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from ..recordings import Ranges, read_ranges
 from .candidates import candidates

@@ -16,8 +16,8 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.settings import ConfigurationError, declared_parameters, from_mapping
 from drfmcw_ros.bag.files import BagError
 from drfmcw_ros.bag.options import add_damage_option
-from drfmcw_ros.cli import Parser, guarded, write_atomically
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.config_files import find_config
 
 from .evidence import read_evidence
 from .findings import find, worst

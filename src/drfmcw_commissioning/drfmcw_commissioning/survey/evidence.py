@@ -13,13 +13,13 @@ from drfmcw_fusion.pipeline import USELESS, RangeResult
 from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.records import Beat
-from drfmcw_physics.history import History
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.rules.history import History
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.messages import from_message, stamp_ns
-from drfmcw_ros.topics import split_station_topic
+from drfmcw_ros.graph.messages import from_message, stamp_ns
+from drfmcw_ros.graph.topics import split_station_topic
 
 _SHORTEST = 1.0  # below it the link budget of the far field says nothing [m]
 

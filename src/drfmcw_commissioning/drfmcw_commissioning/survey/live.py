@@ -10,8 +10,8 @@ from rich.live import Live
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.bag.record import RecorderNode, RecorderSettings
-from drfmcw_ros.runner import run
-from drfmcw_ros.topics import split_station_topic
+from drfmcw_ros.graph.topics import split_station_topic
+from drfmcw_ros.nodes.runner import run
 
 _REFRESH = 0.5  # of the line on a terminal [s]
 _LOG_REFRESH = 5.0  # of the line in a log [s]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drfmcw_ros.bag.files import BagError
-from drfmcw_ros.pages import templates
+from drfmcw_ros.commands.pages import templates
 
 from . import plots
 from .evidence import Evidence, PairEvidence

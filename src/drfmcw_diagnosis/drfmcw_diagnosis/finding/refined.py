@@ -12,7 +12,7 @@ import yaml
 from drfmcw_physics.constants import DECIBELS_PER_NEPER
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, SweepSettings
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 from drfmcw_sim.effects import Effect, Of, effect_from_mapping
 from drfmcw_sim.scenario import TimingSettings, WeatherSettings, scenario_from_mapping
 

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from markupsafe import Markup, escape
 
-from drfmcw_ros.pages import templates
+from drfmcw_ros.commands.pages import templates
 from drfmcw_ros.work.processes import Workers
 
 from . import plots, quantities, repeating, wording

@@ -23,12 +23,12 @@ from drfmcw_node.compression import CompressionError, decompress_message
 from drfmcw_node.processing.records import Sweep
 from drfmcw_node.station_settings import SWEEP_TOPICS
 from drfmcw_physics.settings import ConfigurationError, parameter
-from drfmcw_ros import qos
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import OK, STALE, WARN, Diagnostics, Status
-from drfmcw_ros.messages import from_message
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import run
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import from_message
+from drfmcw_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 from drfmcw_ros.work.processes import Background, WorkFailed
 
 from . import watch

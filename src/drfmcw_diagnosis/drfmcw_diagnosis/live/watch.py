@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError, nearest, parameter
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 from drfmcw_sim.effects import Effect, Motion
 
 from ..engine import check, compared, diagnose_dataset

@@ -10,11 +10,11 @@ import numpy as np
 
 from drfmcw_fusion.offline import Reference, is_weather, read_weather
 from drfmcw_fusion.settings import FusionSettings
-from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
+from drfmcw_physics.rules.history import History
 from drfmcw_physics.sweep import Role, SweepSettings
-from drfmcw_ros.messages import from_message, stamp_ns
-from drfmcw_ros.topics import SITE_TOPICS, split_station_topic
+from drfmcw_ros.graph.messages import from_message, stamp_ns
+from drfmcw_ros.graph.topics import SITE_TOPICS, split_station_topic
 
 WEATHER = ('temperature', 'pressure', 'humidity')
 """Quantities of the weather."""

@@ -23,8 +23,8 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency
 from drfmcw_ros.bag.files import BagError, BagReader
-from drfmcw_ros.messages import from_message
-from drfmcw_ros.topics import is_measured, split_station_topic
+from drfmcw_ros.graph.messages import from_message
+from drfmcw_ros.graph.topics import is_measured, split_station_topic
 from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.nominal import link_budget, nominal_measurements
 

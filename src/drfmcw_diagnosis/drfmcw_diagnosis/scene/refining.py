@@ -9,7 +9,7 @@ import yaml
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 from drfmcw_sim.synthesis.measured import MeasuredModel, Term
 
 from ..finding.measured import MODEL

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 from drfmcw_ros.work.progress import Progress
 
 from ..finding import report as single

@@ -15,7 +15,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from drfmcw_ros.pages import templates
+from drfmcw_ros.commands.pages import templates
 from drfmcw_sim.effects import Effect
 
 from ..finding import quantities, wording

@@ -14,12 +14,12 @@ from tf2_msgs.msg import TFMessage
 
 from drfmcw_node.station_settings import antenna_frame
 from drfmcw_physics.settings import parameter
-from drfmcw_ros import qos
-from drfmcw_ros.cli import Parser, guarded, split_ros_arguments
-from drfmcw_ros.diagnostics import WARN, Diagnostics, Status
-from drfmcw_ros.messages import stamp_ns
-from drfmcw_ros.parameters import SettingsParameters
-from drfmcw_ros.runner import run
+from drfmcw_ros.commands.cli import Parser, guarded, split_ros_arguments
+from drfmcw_ros.graph import qos
+from drfmcw_ros.graph.messages import stamp_ns
+from drfmcw_ros.nodes.diagnostics import WARN, Diagnostics, Status
+from drfmcw_ros.nodes.parameters import SettingsParameters
+from drfmcw_ros.nodes.runner import run
 
 from ..pipeline import USELESS
 from .geometry import SiteGeometry

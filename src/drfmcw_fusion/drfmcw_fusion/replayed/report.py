@@ -14,7 +14,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from ..integrity.checks import Test
 from ..offline import Reference

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from drfmcw_ros.bag.files import BagError, BagReader
-from drfmcw_ros.messages import stamp_ns
+from drfmcw_ros.graph.messages import stamp_ns
 
 from ..pipeline import Flag, RangeResult
 from ..tracking import MEMORY

@@ -9,7 +9,7 @@ from pathlib import Path
 import argon2
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 SHORTEST = 10
 """Letters that a password has at least."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from .values import Described
 

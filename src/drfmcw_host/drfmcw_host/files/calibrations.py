@@ -9,7 +9,7 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.calibration.document import Document, from_calibration, implausible, read_document
 from drfmcw_ros.calibration.store import CalibrationStore
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 _STATION = re.compile(r'[A-Za-z_]\w{0,99}', re.ASCII)
 _LARGEST = 200  # calibrations kept of a station: nothing on the network fills the disk

@@ -13,7 +13,7 @@ from drfmcw_fusion.offline import Reference
 from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.versions import SOFTWARE
+from drfmcw_ros.commands.versions import SOFTWARE
 
 from .freshness import Arrivals
 from .history import History

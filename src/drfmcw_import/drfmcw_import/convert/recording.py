@@ -11,8 +11,8 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, from_mapping, read_yaml
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagWriter, typestore
-from drfmcw_ros.messages import ImplausibleError, check
-from drfmcw_ros.topics import STATION_TOPICS
+from drfmcw_ros.graph.messages import ImplausibleError, check
+from drfmcw_ros.graph.topics import STATION_TOPICS
 
 from ..formats.base import Format, Numbers, Source, choose_format
 from .checks import Statistics, findings

@@ -11,7 +11,7 @@ from drfmcw_fusion.replayed.statistics import reference_at
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.pages import templates
+from drfmcw_ros.commands.pages import templates
 
 from ..convert.checks import Statistics, findings
 from ..convert.finding import Finding

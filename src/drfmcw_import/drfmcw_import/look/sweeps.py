@@ -10,8 +10,8 @@ import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagError, BagReader
-from drfmcw_ros.messages import from_message, stamp_ns
-from drfmcw_ros.topics import split_station_topic
+from drfmcw_ros.graph.messages import from_message, stamp_ns
+from drfmcw_ros.graph.topics import split_station_topic
 
 from ..formats.base import Numbers
 

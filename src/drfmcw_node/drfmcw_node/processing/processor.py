@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from drfmcw_physics.history import WHOLE, History
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.plausible import printable_line
+from drfmcw_physics.rules.history import WHOLE, History
+from drfmcw_physics.rules.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 

@@ -4,13 +4,13 @@ import dataclasses
 import time
 from typing import Any
 
-from drfmcw_physics.history import History
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.schedule import Share
+from drfmcw_physics.rules.history import History
+from drfmcw_physics.rules.schedule import Share
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagError, BagReader
-from drfmcw_ros.messages import from_message
+from drfmcw_ros.graph.messages import from_message
 
 from ..processing.records import Sweep
 from .source import BATCH, Source

@@ -15,13 +15,13 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.schedule import NO_TURNS, Share
+from drfmcw_physics.rules.schedule import NO_TURNS, Share
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Mode, Role, SweepSettings
 
-from ..cli import Parser, guarded
-from ..messages import from_message, stamp_ns
-from ..topics import SITE_TOPICS, split_station_topic
+from ..commands.cli import Parser, guarded
+from ..graph.messages import from_message, stamp_ns
+from ..graph.topics import SITE_TOPICS, split_station_topic
 from .files import BagReader
 from .options import add_damage_option
 

@@ -21,10 +21,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from drfmcw_physics.settings import ConfigurationError
 
-from .. import qos
-from ..diagnostics import WARN, Diagnostics, Status
-from ..messages import NANOSECONDS, message_class
-from ..topics import STATION_TOPICS, is_latched, is_measured, is_per_peer, split_station_topic
+from ..graph import qos
+from ..graph.messages import NANOSECONDS, message_class
+from ..graph.topics import STATION_TOPICS, is_latched, is_measured, is_per_peer, split_station_topic
+from ..nodes.diagnostics import WARN, Diagnostics, Status
 from ..work.progress import Progress
 from .files import BagReader, typestore
 

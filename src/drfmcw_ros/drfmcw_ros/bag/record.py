@@ -15,12 +15,12 @@ from rclpy.node import Node
 
 from drfmcw_physics.settings import ConfigurationError
 
-from .. import qos
-from ..cli import Parser, guarded, split_ros_arguments
-from ..diagnostics import ERROR, WARN, Diagnostics, Status
-from ..messages import message_class
-from ..runner import Finished, run
-from ..topics import is_for_displays, is_latched, is_measured
+from ..commands.cli import Parser, guarded, split_ros_arguments
+from ..graph import qos
+from ..graph.messages import message_class
+from ..graph.topics import is_for_displays, is_latched, is_measured
+from ..nodes.diagnostics import ERROR, WARN, Diagnostics, Status
+from ..nodes.runner import Finished, run
 from .background import BackgroundWriter, State
 from .files import STORAGES, BagWriter, UnwritableError, typestore
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError
 
-from ..cli import Parser, guarded
+from ..commands.cli import Parser, guarded
 from .files import BagError, BagReader, BagWriter
 from .options import add_damage_option
 from .storage.reading import SUFFIXES

@@ -23,7 +23,7 @@ from rosbags.interfaces import (
 
 from drfmcw_physics.settings import nearest
 
-from ..topics import is_latched
+from ..graph.topics import is_latched
 from . import metadata
 from .definitions import BagError, UnwritableError, reason, typestore
 from .metadata import ListedFile

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from drfmcw_physics.oscillators import Calibration
-from drfmcw_physics.plausible import LIMITS
+from drfmcw_physics.rules.plausible import LIMITS
 from drfmcw_physics.settings import ConfigurationError, from_mapping, parameter, parse_yaml, read_yaml
 
 SCHEMA = 2
@@ -226,7 +226,7 @@ def from_content(content: Mapping[str, Any], where: str) -> Document:
 
 
 def implausible(document: Document) -> str:
-    """Return why no station can have this calibration, '' where one can; bounds: drfmcw_physics.plausible."""
+    """Return why no station can have this calibration, '' where one can; bounds: drfmcw_physics.rules.plausible."""
     calibration = document.calibration()
     for field, limits in LIMITS['StationCalibration'].items():
         reason = limits.reason(field, getattr(calibration, field))

@@ -12,11 +12,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from drfmcw_physics.plausible import printable_line
+from drfmcw_physics.rules.plausible import printable_line
 from drfmcw_physics.settings import ConfigurationError
 
+from ..nodes.runner import RCLError
 from ..operation.security import refuse_pretence
-from ..runner import RCLError
 from .document import Document, parse_document
 from .store import CalibrationStore
 

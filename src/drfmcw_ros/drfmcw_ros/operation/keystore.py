@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError
 
-from ..cli import Parser, guarded, write_atomically
+from ..commands.cli import Parser, guarded, write_atomically
 from .security import fast_dds_is_secure, policy, rights
 
 _PAIR = re.compile(r'([A-Za-z_]\w*)/([A-Za-z_]\w*)', re.ASCII)

@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 from drfmcw_physics.settings import ConfigurationError
 
-from ..topics import DISPLAYED
+from ..graph.topics import DISPLAYED
 
 _REQUESTS = ('sweep_request', 'schedule_request')  # of fusion to a station
 _LIBRARY = 'libfastrtps.so'

@@ -10,10 +10,10 @@ _LIBRARY = ctypes.CDLL(None)
 
 def command(module: str, *arguments: str) -> list[str]:
     """Return the command line of a module."""
-    return [sys.executable, '-m', 'drfmcw_ros.begin', module, *arguments]
+    return [sys.executable, '-m', 'drfmcw_ros.commands.begin', module, *arguments]
 
 
 def prepare() -> None:
-    """In the new process: let SIGINT wait for `drfmcw_ros.begin`, and get one when the parent dies, even by kill -9."""
+    """In the new process: let SIGINT wait for `commands.begin`, and get one when the parent dies, even by kill -9."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     _LIBRARY.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)

@@ -18,7 +18,7 @@ import numpy as np
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import Role
-from drfmcw_ros.cli import write_atomically
+from drfmcw_ros.commands.cli import write_atomically
 
 from ..effects import ActsOn, Effect, Stage
 from ..measurements import Measurements, Response, Station

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from rich.console import Console
 
 from drfmcw_physics.settings import ConfigurationError, nearest
-from drfmcw_ros.cli import Parser, guarded, write_atomically
+from drfmcw_ros.commands.cli import Parser, guarded, write_atomically
 from drfmcw_ros.work.cluster import on_cluster
 from drfmcw_ros.work.processes import WorkFailed, unordered
 

@@ -40,9 +40,9 @@ from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.bag.files import BagReader
-from drfmcw_ros.config_files import find_config
-from drfmcw_ros.messages import ImplausibleError, from_message, stamp_ns, to_message
-from drfmcw_ros.publishers import Publishers
+from drfmcw_ros.commands.config_files import find_config
+from drfmcw_ros.graph.messages import ImplausibleError, from_message, stamp_ns, to_message
+from drfmcw_ros.graph.publishers import Publishers
 from drfmcw_sim.recording import write_recording
 from drfmcw_sim.scenario import read_scenario, scenario_from_mapping
 

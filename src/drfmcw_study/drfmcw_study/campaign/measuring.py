@@ -13,10 +13,10 @@ from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.processing.pair_processor import PairProcessor
 from drfmcw_node.processing.processor import StationProcessor
 from drfmcw_node.processing.records import Beat, Sweep
-from drfmcw_physics.history import LIVE
-from drfmcw_physics.mode import choose_mode
+from drfmcw_physics.rules.history import LIVE
+from drfmcw_physics.rules.mode import choose_mode
 from drfmcw_physics.sweep import SweepSettings
-from drfmcw_ros.messages import ImplausibleError
+from drfmcw_ros.graph.messages import ImplausibleError
 from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 from drfmcw_sim.synthesis.signal_model import synthesise

@@ -19,7 +19,7 @@ from drfmcw_physics.oscillators import delay_from_beat_sum
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.settings import read_yaml
 from drfmcw_physics.sweep import Mode, SweepSettings, beat_frequency
-from drfmcw_ros.config_files import find_config
+from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.measurements import Measurements, Station
 from drfmcw_sim.scenario import Scenario, scenario_from_mapping
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.versions import versions
+from drfmcw_ros.commands.versions import versions
 
 from .results import difference
 from .study import Job, Study, StudyStopped, Task

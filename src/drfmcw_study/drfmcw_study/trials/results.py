@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.cli import write_atomically
-from drfmcw_ros.versions import versions
+from drfmcw_ros.commands.cli import write_atomically
+from drfmcw_ros.commands.versions import versions
 
 from .study import Job, Study, StudyStopped
 

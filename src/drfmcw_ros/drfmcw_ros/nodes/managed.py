@@ -12,7 +12,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from drfmcw_physics.settings import ConfigurationError, parameter
 
-from ..parameters import SettingsParameters
+from .parameters import SettingsParameters
 
 _DONE, _REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 

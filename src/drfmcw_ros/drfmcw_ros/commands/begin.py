@@ -1,6 +1,6 @@
 """Starts a module of drfmcw, so that a Ctrl-C while it is still being imported ends it without a traceback.
 
-`python -m drfmcw_ros.begin MODULE ARGUMENTS`. Whoever starts it blocks SIGINT first: one that comes while the
+`python -m drfmcw_ros.commands.begin MODULE ARGUMENTS`. Whoever starts it blocks SIGINT first: one that comes while the
 interpreter starts then waits until here. The module itself says what a Ctrl-C does from then on, see `cli.guarded`.
 """
 

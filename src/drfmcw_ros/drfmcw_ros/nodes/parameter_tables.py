@@ -1,9 +1,9 @@
-"""Tables in Markdown files, from the declarations: ``python -m drfmcw_ros.parameter_tables README.md ...``.
+"""Tables in Markdown files, from the declarations: ``python -m drfmcw_ros.nodes.parameter_tables README.md ...``.
 
 A table stands between two comments, the first of which says what it is made from::
 
     <!-- parameters drfmcw_fusion.settings:FusionSettings -->   ROS parameters, one per field of a settings class
-    <!-- parameters drfmcw_physics.mode:ModeSettings mode. -->  the same, with a prefix
+    <!-- parameters drfmcw_physics.rules.mode:ModeSettings mode. -->  the same, with a prefix
     <!-- keys drfmcw_sim.scenario:TimingSettings -->            keys of a YAML section
     <!-- made drfmcw_sim.effect_table:effect_table -->          whatever a function returns
     <!-- end -->
@@ -22,7 +22,7 @@ from typing import Any
 
 from drfmcw_physics.settings import ConfigurationError, Parameter, declared_parameters
 
-from .cli import Parser, guarded, write_atomically
+from ..commands.cli import Parser, guarded, write_atomically
 
 _TABLE = re.compile(r'(<!-- (parameters|keys|made) ([\w.]+):(\w+)(?: ([\w.]+))? -->\n)(.*?)(<!-- end -->)', re.DOTALL)
 

@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 
-from drfmcw_physics import plausible
+from drfmcw_physics.rules import plausible
 from drfmcw_physics.settings import ConfigurationError
 
 T = TypeVar('T')

@@ -8,7 +8,7 @@ import dataclasses
 import math
 from typing import Any
 
-from .constants import ZERO_CELSIUS
+from ..constants import ZERO_CELSIUS
 from .schedule import LARGEST_PRIORITY, LARGEST_RATE
 
 WINDOWS = ('', 'hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')

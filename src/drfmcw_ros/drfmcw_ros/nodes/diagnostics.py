@@ -6,9 +6,9 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from .qos import RELIABLE, publisher
+from ..commands.versions import SOFTWARE, release, running
+from ..graph.qos import RELIABLE, publisher
 from .runner import failures
-from .versions import SOFTWARE, release, running
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 

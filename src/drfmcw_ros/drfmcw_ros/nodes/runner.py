@@ -19,10 +19,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from drfmcw_physics.settings import ConfigurationError
 
-from . import interrupts, streams
-from .cli import reason
-from .operation.security import refuse_pretence
-from .operation.watchdog import Watchdog
+from ..commands import interrupts
+from ..commands.cli import reason
+from ..graph import streams
+from ..operation.security import refuse_pretence
+from ..operation.watchdog import Watchdog
 
 RCLError: type[Exception] = rclpy_implementation.RCLError
 _TURN = 0.05  # of a node's streams while messages flow, and at most then of everything else [s]

@@ -3,8 +3,8 @@
 import dataclasses
 import math
 
-from .settings import parameter
-from .sweep import Mode
+from ..settings import parameter
+from ..sweep import Mode
 
 
 @dataclasses.dataclass(frozen=True)

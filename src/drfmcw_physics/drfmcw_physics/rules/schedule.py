@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .settings import ConfigurationError
+from ..settings import ConfigurationError
 
 LARGEST_RATE = 1e5
 """Sweeps per second that a pair may ask for [Hz]."""
