@@ -16,7 +16,8 @@ frequency alone show is in doubt where a step explains as much.
 Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
 something unknown has.
 
-What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`. What
+What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`, and
+a second path where one of a reflector that stands still or is there along a part of the track does, see `paths`. What
 is left beside an effect is what is left beside the events that are set aside as well.
 
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `steadiness`.
@@ -42,6 +43,8 @@ from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, s
 from ..search.leftovers import Leftover, leftovers
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
+from .paths import LIMITS as PATHS
+from .paths import beyond_paths
 from .receivers import of_level, repeated_noise, uneven_power, unexplained_course, unexplained_signal
 from .steadiness import LIMITS as STEADINESS
 from .steadiness import odds_of_one_size
@@ -104,6 +107,7 @@ class Standing:
     inflated: float = 1.0  # of effects that the range alone shows
     cancelled: float = 1.0
     beyond_event: float = np.inf  # of effects that show over the sweep alone
+    beyond_path: float = np.inf  # of second paths
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
 
     @property
@@ -126,6 +130,7 @@ class Standing:
             and self.inflated < LIMITS.inflated
             and not self.is_cancelled
             and not self.is_event
+            and not self.is_path
             and not self.is_noise
         )
 
@@ -143,6 +148,11 @@ class Standing:
     def is_event(self) -> bool:
         """True where a step or a bump within the sweep, or a step over a condition, explains more than the effect."""
         return self.beyond_event < EVENTS.beaten or self.beyond_step < CURVES.beaten
+
+    @property
+    def is_path(self) -> bool:
+        """True where a second path without a name explains more than all those of the explanation."""
+        return self.beyond_path < PATHS.beaten
 
     @property
     def is_noise(self) -> bool:
@@ -176,6 +186,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
+    paths = beyond_paths(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
     found = []
@@ -225,6 +236,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 inflated=inflations[number],
                 cancelled=cancelled[number],
                 beyond_event=beyond[number],
+                beyond_path=paths[number],
                 one_size=one_size[number],
             )
         )

@@ -11,7 +11,7 @@ from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SELECTION
 from ..search.search import Search
 from ..search.selection import Found, forward, pruned
-from . import curves, standing, steadiness
+from . import curves, paths, standing, steadiness
 from .rivals import rivals, widened
 from .standing import standings
 
@@ -129,9 +129,11 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
 
 
 def _without_name(search: Search, fitted: Fitted | None) -> np.ndarray:
-    """Return events and curves without a name beside an explanation, as `events.left` and `curves.left` do."""
+    """Return events, curves and second paths without a name beside an explanation, as `events.left` does."""
     as_measured = search.whitening_of(fitted, with_unknown=False)
-    return np.concatenate([events.left(search, fitted, as_measured), curves.left(search, fitted, as_measured)])
+    found = events.left(search, fitted, as_measured)
+    found = np.concatenate([found, paths.left(search, fitted, as_measured.beside(found))])
+    return np.concatenate([found, curves.left(search, fitted, as_measured)])
 
 
 def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
@@ -181,7 +183,9 @@ def _completed(search: Search, fitted: Fitted, doubtful: int) -> Fitted | None:
 
 
 def _significant(search: Search, fitted: Fitted | None, false_alarm_rate: float) -> list[Leftover]:
-    return [x for x in leftovers(search, fitted) if x.probability < false_alarm_rate]
+    found = [x for x in leftovers(search, fitted) if x.probability < false_alarm_rate]
+    of_path = paths.leftover(search, fitted)
+    return found if of_path is None else sorted([*found, of_path], key=lambda x: x.probability)
 
 
 def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
@@ -194,7 +198,8 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         as_step = min(curves.beyond_steps(search, fitted)) < curves.LIMITS.beaten
         as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
         as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
-        return not (as_event or as_step or as_noise or as_curve)
+        as_path = min(paths.beyond_paths(search, fitted)) < paths.LIMITS.beaten
+        return not (as_event or as_step or as_noise or as_curve or as_path)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     residual = search.comparison.residual
     explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))

@@ -17,7 +17,7 @@ from .scanning import Rest, Values, peaks
 
 
 @dataclasses.dataclass(frozen=True)
-class _Phasors:
+class Phasors:
     """How well the remainder of each group fits A exp(2 pi i f t) over the sweep, t from mid-sweep: arrays (G, cells).
 
     With A = |A| exp(i a) the correlation is |A| Re(exp(i a) correlation), the template's power
@@ -31,14 +31,27 @@ class _Phasors:
 
     def gain(self) -> np.ndarray:
         """Return by how much one phasor of any amplitude and phase lowers the misfit of all groups, (cells,)."""
-        real, imag = self.correlation.sum(axis=0).real, -self.correlation.sum(axis=0).imag
-        power, imbalance = self.power.sum(axis=0), self.imbalance.sum(axis=0)
-        determinant = np.maximum(power**2 - np.abs(imbalance) ** 2, 1e-12 * power**2 + 1e-30)
-        solved = (power - imbalance.real) * real**2 + (power + imbalance.real) * imag**2
-        return (solved + 2.0 * imbalance.imag * real * imag) / determinant
+        all_groups = (x.sum(axis=0) for x in (self.correlation, self.power, self.imbalance))
+        return Phasors(self.frequency, *all_groups).gain_of_each()
+
+    def gain_of_each(self) -> np.ndarray:
+        """Return by how much a phasor of any amplitude and phase lowers the misfit of each group (G, cells)."""
+        real, imag = self.correlation.real, -self.correlation.imag
+        imbalance = self.imbalance
+        solved = (self.power - imbalance.real) * real**2 + (self.power + imbalance.real) * imag**2
+        return (solved + 2.0 * imbalance.imag * real * imag) / self._determinant
+
+    def size_of_each(self) -> np.ndarray:
+        """Return the amplitude of the phasor that fits each group best (G, cells)."""
+        solved = self.power * self.correlation.conj() - self.imbalance.conj() * self.correlation
+        return np.abs(solved) / self._determinant
+
+    @property
+    def _determinant(self) -> np.ndarray:
+        return np.maximum(self.power**2 - np.abs(self.imbalance) ** 2, 1e-12 * self.power**2 + 1e-30)
 
 
-def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors:
+def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> Phasors:
     """Return how well phasors fit: those of a synthesiser, in the phases alone, or those of a path, in amplitudes too.
 
     A second path turns amplitude and phase alike. Its phase has opposite signs in the lines of both stations; the phase
@@ -58,12 +71,17 @@ def _phasors(c: Comparison, residual: np.ndarray, synthesiser: bool) -> _Phasors
     else:
         amplitude, amplitude_weight = z[:, :stations].sum(axis=1), weight[:, :stations].sum(axis=1)
         phase, phase_weight = math.sqrt(stations) * z[:, -1], stations * weight[:, -1]
-    return _Phasors(
+    return Phasors(
         frequency,
         (amplitude - 1j * phase) @ basis.T,
         (amplitude_weight + phase_weight) @ np.abs(basis.T) ** 2 / 2.0,
         (amplitude_weight - phase_weight) @ basis.T**2 / 2.0,
     )
+
+
+def path_phasors(c: Comparison, residual: np.ndarray) -> Phasors:
+    """Return how well phasors of second paths fit a residual over the numbers' standard deviations (n,)."""
+    return _phasors(c, residual, False)
 
 
 def per_metre(c: Comparison) -> float:
@@ -80,7 +98,7 @@ def sweep_resolution(c: Comparison) -> float:
 def echoes(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return excess lengths of paths beside the direct one [m]."""
     c, residual = rest.comparison, rest.residual
-    phasors = _phasors(c, residual, False)
+    phasors = path_phasors(c, residual)
     near = [float(phasors.frequency[k] / per_metre(c)) for k in peaks(phasors.gain())]
     return (*near, *_distant_echoes(c, residual))
 
@@ -114,7 +132,7 @@ def reflections(rest: Rest, station: int, recipe: Recipe) -> Values:
     for place in (rest.distance, read, read + beside):
         if all(np.ptp(place - other) > far for other in places):
             places.append(place)
-    phasors = _phasors(c, residual, False)
+    phasors = path_phasors(c, residual)
     each = (_fringes(c, residual, phasors, place) for place in places)
     found = dict.fromkeys(x for alike in itertools.zip_longest(*each) for x in alike if x is not None)
     return tuple(found)[: SCAN.reflections * min(len(places), 2)]
@@ -126,7 +144,7 @@ def _longer_by(distance: np.ndarray, products: np.ndarray) -> np.ndarray:
     return longer
 
 
-def _fringes(c: Comparison, residual: np.ndarray, phasors: _Phasors, distance: np.ndarray) -> list[float]:
+def _fringes(c: Comparison, residual: np.ndarray, phasors: Phasors, distance: np.ndarray) -> list[float]:
     """Return products of heights [m^2] whose fringes over the distances of the groups fit best, best first.
 
     Args:

@@ -1,0 +1,294 @@
+"""Second paths without a name: of a reflector that stands still, or that is there along a part of the track.
+
+In: an explanation. Out: by how much its own second paths explain more than such a path, and what such a path leaves, to
+be set aside. The excess length of an echo is the same wherever the crane stands, that of a reflection at the ground
+falls as one over the distance. What a mast behind the crane throws back is longer by twice its distance from the crane.
+Two echoes, or an echo and a reflection, imitate that.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import stats
+
+from drfmcw_physics.settings import parameter
+from drfmcw_sim.effects import ActsOn, Effect, Of, Stage
+from drfmcw_sim.effects.motion import slowness
+from drfmcw_sim.measurements import Measurements, Path
+
+from ..compare.comparison import Comparison
+from ..compare.predicting import follows_distance
+from ..search.fitting import Fitted, Fitting, Freedom
+from ..search.leftovers import Leftover
+from ..search.phasors import Phasors, path_phasors, per_metre
+from ..search.search import Search
+from ..search.whitening import Whitening
+
+
+@dataclasses.dataclass(frozen=True)
+class PathLimits:
+    """When a second path without a name is taken for the cause."""
+
+    seen: float = 6.0
+    """Gain at a distance, below which it is not seen there [1]: amplitude and phase of noise gain 2; chosen."""
+
+    parameter: float = 2.0
+    """Gain that each parameter must bring (Akaike 1974)."""
+
+    beaten: float = -6.0
+    """Gain of second paths beyond that of one without a name, below which they are in doubt; chosen, as of an event."""
+
+    worth: float = 0.5
+    """Share of what is left over the sweep that it must explain to be set aside [1]; chosen."""
+
+    chance: float = 1e-6
+    """Chance of such a path, of all that are tried, above which it is not set aside [1]; chosen."""
+
+    clearly: float = 30.0
+    """Gain by which it must exceed that of any effect to be set aside [1]; chosen."""
+
+    prior: float = 10.0
+    """Standard deviation of its size at each distance when it is set aside, over that found [1]; chosen: any size."""
+
+    small: float = 1e-3
+    """Relative amplitude with which it is simulated, so that it adds in proportion to it [1]; chosen."""
+
+    least: float = 1e-4
+    """Relative amplitude of products of the path with itself, from which on they count [1]; chosen."""
+
+    products: int = 4
+    """Order of these products, at most; chosen."""
+
+
+LIMITS = PathLimits()
+
+
+@dataclasses.dataclass(frozen=True)
+class Unnamed(Effect, name='path without a name', of=Of.PATH, registered=False):
+    """A second path whose excess length is a straight line over the distance; none where that is negative."""
+
+    acts_on = ActsOn.DELAY | ActsOn.AMPLITUDE
+    stage = Stage.PATHS
+
+    offset: float = parameter(0.0, unit='m', description='excess length at no distance')
+    slope: float = parameter(0.0, description='excess length over the distance')
+    phase: float = parameter(0.0, unit='rad', description='by which it turns the carrier')
+
+    def prepare(self, m: Measurements) -> None:
+        """Add the path."""
+        direct = m.paths[0]
+        excess = self.offset + self.slope * m.range
+        amplitude = np.where(excess > 0.0, LIMITS.small * direct.amplitude, 0.0)
+        delay = direct.delay + np.maximum(excess, 0.0) * slowness(m)
+        rate, acceleration = ((1.0 + self.slope) * x for x in (direct.rate, direct.acceleration))
+        m.paths.append(Path(delay, rate, acceleration, amplitude, self.phase / (2.0 * math.pi)))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Law:
+    """Where a path without a name is, and how strong (G,)."""
+
+    offset: float  # of its excess length [m]
+    slope: float
+    seen: np.ndarray  # in which groups it is (G,)
+    resolved: np.ndarray  # in which it may be too, as a line of its own (G,)
+    amplitude: np.ndarray  # relative to the direct path (G,)
+    gain: float
+    everywhere: float  # gain of the best path of one excess length, amplitude and phase
+    tried: int  # laws
+
+    @property
+    def parameters(self) -> int:
+        """Amplitude and phase in each group, and one of the law."""
+        return 2 * int(self.seen.sum()) + 1
+
+
+def beyond_paths(fitting: Fitting, fitted: Fitted) -> list[float]:
+    """Return by how much second paths gain more than one without a name in their place; infinity for other effects.
+
+    All second paths of an explanation together are compared with one: several may imitate it.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation.
+    """
+    found = [np.inf] * len(fitted.effects)
+    own = [i for i, effect in enumerate(fitted.effects) if follows_distance(effect.candidate.kind)]
+    if not own:
+        return found
+    c, whitening = fitting.comparison, fitting.whitening
+    others = [e.build() for i, e in enumerate(fitted.effects) if i not in own]
+    template = c.template(others) if others else np.zeros_like(fitted.template)
+    law = _best_law(c, fitting.without_set_aside(c.residual - template))
+    if law is None:
+        return found
+    spans = np.r_[tuple(fitted.spans[i] for i in own)]
+    slopes, directions = fitting.slopes(fitted), _directions(c, law)
+    beside = Freedom(np.delete(whitening(slopes), spans, axis=0))
+    rest, unexplained = (beside.left(whitening(c.residual - t)) for t in (fitted.template, template))
+    gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * len(spans)
+    instead = _gain(beside.left(whitening(directions)), unexplained) - LIMITS.parameter * law.parameters
+    with_law = whitening.beside(LIMITS.prior * directions)
+    for i in own:
+        if not _needed(fitting, fitted, i, with_law):
+            found[i] = gain - instead
+    return found
+
+
+def _needed(fitting: Fitting, fitted: Fitted, number: int, beside_law: Whitening) -> bool:
+    """Return whether an effect explains more than chance beside a path without a name."""
+    c = fitting.comparison
+    others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
+    without = c.template(others) if others else np.zeros_like(fitted.template)
+    beside = Freedom(np.delete(beside_law(fitting.slopes(fitted)), fitted.spans[number], axis=0))
+    rest, unexplained = (beside.left(beside_law(c.residual - t)) for t in (fitted.template, without))
+    gain = float(unexplained @ unexplained - rest @ rest)
+    own = fitted.spans[number]
+    return float(stats.chi2.sf(max(gain, 0.0), own.stop - own.start)) < LIMITS.chance
+
+
+@dataclasses.dataclass(frozen=True)
+class _Found:
+    """A second path that nothing names."""
+
+    directions: np.ndarray  # what it adds at each distance (k, n)
+    gain: float
+    chance: float  # of so much, of all laws that are tried
+
+
+def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:
+    """Return a second path without a name beside an explanation, each number of it times its prior (k, n).
+
+    Args:
+        search: of the recording.
+        fitted: the explanation, None for none.
+        as_measured: whitening of what it leaves, nothing of which counts as unknown.
+    """
+    found = _found(search, fitted, as_measured)
+    return np.zeros((0, len(search.comparison.residual))) if found is None else LIMITS.prior * found.directions
+
+
+def leftover(search: Search, fitted: Fitted | None) -> Leftover | None:
+    """Return what a second path without a name leaves beside an explanation, None where there is none."""
+    found = _found(search, fitted, search.whitening_of(fitted, with_unknown=False))
+    if found is None:
+        return None
+    return Leftover('ramp', len(search.comparison.channels) - 1, found.chance, found.gain)
+
+
+def _found(search: Search, fitted: Fitted | None, as_measured: Whitening) -> _Found | None:
+    """Return the second path without a name that explains more than any effect would; None where none does."""
+    c = search.comparison
+    residual = c.residual - (fitted.template if fitted is not None else 0.0)
+    law = _best_law(c, residual)
+    if law is None or law.gain - LIMITS.parameter * law.parameters < law.everywhere + LIMITS.clearly:
+        return None
+    nothing = np.zeros((0, len(residual)))
+    beside = Freedom(as_measured(search.slopes(fitted)) if fitted is not None else nothing)
+    rest = beside.left(as_measured(residual))
+    directions = _directions(c, law)
+    gain = _gain(beside.left(as_measured(directions)), rest)
+    over_sweep = c.entries.where(kind='ramp')
+    excess = float(rest[over_sweep] @ rest[over_sweep]) - np.count_nonzero(rest[over_sweep])
+    chance = law.tried * float(stats.chi2.sf(gain, law.parameters))
+    if gain < LIMITS.worth * excess or chance > LIMITS.chance:
+        return None
+    templates = as_measured(search.templates_beside(fitted))
+    power = np.einsum('mj,mj->m', templates, templates)
+    named = float(np.max((templates @ rest) ** 2 / np.maximum(power, 1e-12), initial=0.0))
+    return _Found(directions, gain, chance) if gain > named + LIMITS.clearly else None
+
+
+def _gain(directions: np.ndarray, rest: np.ndarray) -> float:
+    """Return what directions (k, n) of any sizes explain of a rest (n,)."""
+    along = directions @ rest
+    return float(along @ np.linalg.lstsq(directions @ directions.T, along, rcond=1e-9)[0])
+
+
+def _best_law(c: Comparison, residual: np.ndarray) -> _Law | None:
+    """Return the second path without a name that explains most of a residual over the sweep (n,); None of nothing."""
+    phasors = path_phasors(c, residual)
+    each = phasors.gain_of_each()  # (G, cells)
+    found = list(_still(c, phasors, each)) + list(_along_a_part(c, phasors, each))
+    best = max(found, key=lambda law: law.gain - LIMITS.parameter * law.parameters, default=None)
+    if best is None:
+        return None
+    return dataclasses.replace(best, everywhere=float(phasors.gain().max()), tried=len(found))
+
+
+def _still(c: Comparison, phasors: Phasors, each: np.ndarray) -> Iterator[_Law]:
+    """Yield laws of reflectors that stand still behind the crane, at any place."""
+    distance = c.recorded.distance
+    per_cell = phasors.frequency[0] / per_metre(c)  # [m]
+    groups = np.arange(len(distance))
+    farthest = float(distance.max()) + 0.5 * per_cell * len(phasors.frequency)
+    for place in np.arange(float(np.sort(distance)[1]), farthest, 0.25 * per_cell):
+        cell = np.rint(2.0 * (place - distance) / per_cell).astype(int) - 1
+        inside = (cell >= 0) & (cell < len(phasors.frequency))
+        law = _law(phasors, each, groups[inside], cell[inside], 2.0 * place, -2.0)
+        if law is not None:
+            yield dataclasses.replace(law, resolved=cell >= len(phasors.frequency))
+
+
+def _along_a_part(c: Comparison, phasors: Phasors, each: np.ndarray) -> Iterator[_Law]:
+    """Yield laws of reflectors that are there between two distances only, of any excess length."""
+    order = np.argsort(c.recorded.distance)
+    per_cell = phasors.frequency[0] / per_metre(c)
+    for cell, gains in enumerate((each[order] - LIMITS.seen).T):
+        first, last = _largest_run(gains)
+        if last - first < len(order):  # a path that is there everywhere is an echo
+            cells = np.full(last - first, cell)
+            law = _law(phasors, each, order[first:last], cells, (cell + 1) * per_cell, 0.0)
+            if law is not None:
+                yield law
+
+
+def _law(
+    phasors: Phasors, each: np.ndarray, groups: np.ndarray, cells: np.ndarray, offset: float, slope: float
+) -> _Law | None:
+    """Return a law of the groups at which it is seen, None where it is in none."""
+    kept = each[groups, cells] > LIMITS.seen
+    groups, cells = groups[kept], cells[kept]
+    if not len(groups):
+        return None
+    seen, nowhere = np.zeros(len(each), bool), np.zeros(len(each), bool)
+    sizes = phasors.size_of_each()[groups, cells]
+    amplitude = np.full(len(each), sizes.mean())
+    seen[groups], amplitude[groups] = True, sizes
+    return _Law(offset, slope, seen, nowhere, amplitude, float(each[groups, cells].sum()), 0.0, 1)
+
+
+def _largest_run(values: np.ndarray) -> tuple[int, int]:
+    """Return begin and end of the run of values with the largest sum."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    lowest = np.minimum.accumulate(sums)
+    last = int(np.argmax(sums - lowest))
+    return int(np.argmin(sums[: last + 1])), last
+
+
+@functools.lru_cache(maxsize=32)
+def _of_path(c: Comparison, offset: float, slope: float, phase: float) -> np.ndarray:
+    """Return the template of a path without a name (n,)."""
+    return c.template([Unnamed(offset=offset, slope=slope, phase=phase)])
+
+
+def _directions(c: Comparison, law: _Law) -> np.ndarray:
+    """Return what a path without a name adds at each distance, of the size found there (k, n).
+
+    With the amplitude a, the logarithm of the sum of both paths is a series of a^k / k at k times the excess length. At
+    each distance each of them may have any phase: nobody knows the distance to a part of the carrier's wavelength.
+    """
+    groups = c.entries.group
+    found = [np.zeros((0, len(c.residual)))]
+    for order in range(1, LIMITS.products + 1):
+        sizes = law.amplitude**order / order
+        where = np.flatnonzero((law.seen & (sizes > LIMITS.least)) | ((law.seen | law.resolved) & (order == 1)))
+        if not len(where):
+            break
+        for phase in (0.0, 0.5 * math.pi):
+            template = _of_path(c, order * law.offset, order * law.slope, phase)
+            found.append(np.where(groups == where[:, None], template, 0.0) * sizes[where, None] / LIMITS.small)
+    return np.concatenate(found)
