@@ -51,6 +51,9 @@ class ModelLimits:
     """Share of a group's sweeps without a burst [1], below which bursts may change the ramp from sweep to sweep;
     chosen."""
 
+    unsettled: float = 2.0
+    """Standard deviation of the share of what a filter's begin leaves that is there [1]; chosen: all of it, or none."""
+
     flutter_width: int = 5
     """Terms over which a change from sweep to sweep may be displaced; chosen."""
 

@@ -9,13 +9,12 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import scipy.fft
 from scipy import special, stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.algebra import scaled_inverse
-from ..compare.kinds import Kind
+from ..compare.over_sweep import as_shown, over_sweep, ramp_of
 from .fitting import Fitted, Fitting, Freedom
 from .whitening import Whitening
 
@@ -87,12 +86,12 @@ def beyond_events(fitting: Fitting, fitted: Fitted) -> list[float]:
     c, whitening = fitting.comparison, fitting.whitening
     slopes = whitening(fitting.slopes(fitted))
     rest = whitening(c.residual - fitted.template)
-    over_sweep = c.entries.where(kind='ramp')
+    of_ramp = c.entries.where(kind='ramp')
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
         added = whitening(fitted.template - (c.template(others) if others else 0.0))
-        if float(np.sum(added[over_sweep] ** 2)) < LIMITS.by_ramp * float(added @ added):
+        if float(np.sum(added[of_ramp] ** 2)) < LIMITS.by_ramp * float(added @ added):
             found.append(np.inf)
             continue
         beside = Freedom(np.delete(slopes, own, axis=0))
@@ -152,12 +151,13 @@ def _gain_of_curve(fitting: Fitting, whitening: Whitening, rest: np.ndarray, bes
 
     A step explains three quarters of a slope.
     """
-    _, phases = _ramp(fitting)
+    c = fitting.comparison
+    _, phases = ramp_of(c)
     place = np.linspace(-1.0, 1.0, len(event.shape))
     # each sweep has a level by itself, and its phase a slope
     first = 2 if next(iter(event.channels)) in phases else 1
     shapes = [np.polynomial.Legendre.basis(first + i)(place) for i in range(LIMITS.of_event)]
-    curves = [_over_sweep(fitting, shape, event.law, event.channels) for shape in shapes]
+    curves = [over_sweep(c, shape, event.law, event.channels) for shape in shapes]
     own = np.array([beside.left(whitening(curve)) for curve in curves])
     along = own @ rest
     return float(along @ scaled_inverse(own @ own.T) @ along)
@@ -205,7 +205,8 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     distant the other station, the later it hears what happens at the first one, which shows in the sum of the phases
     for that long.
     """
-    c, (_, phases) = fitting.comparison, _ramp(fitting)
+    c = fitting.comparison
+    _, phases = ramp_of(c)
     ones, far = np.ones_like(c.recorded.distance), c.recorded.distance / c.recorded.distance.max()
     later = np.gradient(event.shape)
     wider = np.gradient(later) * 0.5 * max(event.width, 1.0) ** 2
@@ -219,25 +220,8 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     ]
     own = phases if set(event.channels) <= set(phases) else list(event.channels)
     ways += [(np.eye(count)[b], along, {i: 1.0}) for b in about for along in (ones, far) for i in own]
-    sized = [_over_sweep(fitting, shape, event.size * event.law * along, channels) for shape, along, channels in ways]
+    sized = [over_sweep(c, shape, event.size * event.law * along, channels) for shape, along, channels in ways]
     return np.concatenate([np.array(sized), _shifted_lines(fitting, event, phases), _earlier_end(fitting, event)])
-
-
-def _over_sweep(fitting: Fitting, shape: np.ndarray, sizes: np.ndarray, channels: Mapping[int, float]) -> np.ndarray:
-    """Return a shape over the sweep (K,) of a size in each group (G,), over the numbers' standard deviations (n,).
-
-    Args:
-        fitting: of the recording.
-        shape: over the blocks of the sweep.
-        sizes: of each group.
-        channels: of the ramp that show it, and their signs.
-    """
-    c, (kind, phases) = fitting.comparison, _ramp(fitting)
-    result = np.zeros(len(c.residual))
-    for channel, factor in channels.items():
-        shown = _as_shown(shape[None], channel in phases)
-        result[c.rows(kind, channel)] = np.ravel(factor * sizes[:, None] * shown / c.std['ramp'][:, channel])
-    return result
 
 
 def _earlier_end(fitting: Fitting, event: _Event) -> np.ndarray:
@@ -245,12 +229,13 @@ def _earlier_end(fitting: Fitting, event: _Event) -> np.ndarray:
 
     The last of the record holds no signal then: the end itself, and the last block of the sweep.
     """
-    c, (ramp, phases) = fitting.comparison, _ramp(fitting)
+    c = fitting.comparison
+    ramp, phases = ramp_of(c)
     if event.losing < 0:
         return np.zeros((0, len(c.residual)))
     channels = (event.losing, *phases)
     found = np.zeros((len(channels) + 1, len(c.residual)))
-    last = _as_shown(np.eye(len(event.shape))[-1:], of_phase=False)
+    last = as_shown(np.eye(len(event.shape))[-1:], of_phase=False)
     size = (event.size * event.law)[:, None]
     for row, channel in zip(found, channels, strict=False):
         row[c.rows(ramp, channel)] = np.ravel(size * last / c.std['ramp'][:, channel])
@@ -290,13 +275,14 @@ def _events(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Fr
         rest: what is to be explained, beyond what other effects can follow, whitened (n,).
         beside: of the other effects.
     """
-    c, (kind, phases) = fitting.comparison, _ramp(fitting)
+    c = fitting.comparison
+    kind, phases = ramp_of(c)
     channels = [(c.rows(kind, row), c.std['ramp'][:, row]) for row in range(c.std['ramp'].shape[1])]
     signs = [{i: 1.0} for i in range(len(channels))]
     signs += [{phases[0]: 1.0, phases[1]: sign} for sign in (1.0, -1.0) if len(phases) == 2]
     count = channels[0][1].shape[1]
     each, times, widths = _shapes(count)
-    either = [_as_shown(each, of_phase) for of_phase in (False, True)]
+    either = [as_shown(each, of_phase) for of_phase in (False, True)]
     for law, losing in _laws(fitting):
         for sign in signs:
             shapes = either[next(iter(sign)) in phases]
@@ -346,13 +332,6 @@ def _laws(fitting: Fitting) -> list[tuple[np.ndarray, int]]:
     return laws
 
 
-def _ramp(fitting: Fitting) -> tuple[Kind, list[int]]:
-    """Return the kind of the ramp's numbers, and which of its channels are phases."""
-    c = fitting.comparison
-    kind = next(k for k in c.kinds if k.name == 'ramp')
-    return kind, [i for i, channel in enumerate(c.recorded.channels) if channel.of_phase]
-
-
 def _shapes(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return steps, bumps and kinks over `count` blocks (M, count), their times and their onsets' widths [blocks]."""
     block = np.arange(count)
@@ -365,15 +344,3 @@ def _shapes(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             found.append(np.exp(-0.5 * ((block - at) / max(width, 0.5)) ** 2))
             widths.append(width)
     return np.concatenate(found), np.tile(at.ravel(), len(found)), np.repeat(widths, len(at))
-
-
-def _as_shown(shapes: np.ndarray, of_phase: bool) -> np.ndarray:
-    """Return cosine series of shapes (M, K) without each sweep's own level, and of phases its frequency.
-
-    So a kink of the phase shows a step of the frequency.
-    """
-    block = np.arange(shapes.shape[1])
-    free = np.stack([np.ones(len(block)), block - block.mean()][: 2 if of_phase else 1])
-    free /= np.linalg.norm(free, axis=1, keepdims=True)
-    shown: np.ndarray = scipy.fft.dct(shapes - (shapes @ free.T) @ free, norm='ortho', axis=1)
-    return shown

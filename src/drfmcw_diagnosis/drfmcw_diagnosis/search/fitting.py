@@ -16,6 +16,8 @@ from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
 from ..compare.groups import Entries
 from ..compare.kinds.explained import Explained
+from ..compare.limits import MODEL
+from ..compare.over_sweep import fadings
 from ..compare.predicting import displaces, follows_distance
 from .bank import Candidate
 from .limits import FIT
@@ -200,7 +202,12 @@ def cells_of(entries: Entries) -> np.ndarray:
     return cells
 
 
-_NOWHERE_ELSE = np.zeros(0)
+@dataclasses.dataclass(frozen=True)
+class _Amid:
+    """Effects amid which single ones are simulated, with their template (n,)."""
+
+    effects: tuple[Effect, ...] = ()
+    template: np.ndarray | float = 0.0
 
 
 class Fitting:
@@ -220,23 +227,48 @@ class Fitting:
         # what has no name, over the numbers' standard deviations and times its prior (k, n)
         self.set_aside = np.zeros((0, len(comparison.residual)))
         self.whitening = Whitening(self.noisier, comparison.common_errors)
-        # effects by which the crane stands elsewhere than the reference says, and their template, see `standing_as`
-        self._place: tuple[tuple[Effect, ...], np.ndarray] = ((), _NOWHERE_ELSE)
+        self._place, self._level = _Amid(), _Amid()
 
     @contextlib.contextmanager
-    def standing_as(self, fitted: 'Fitted | None') -> Iterator[None]:
-        """Simulate reflections alone with the crane where an explanation has it, not where the reference has it."""
-        moved = tuple(filter(displaces, _built(fitted))) if fitted is not None else ()
-        before, self._place = self._place, (moved, self.comparison.template(moved)) if moved else ((), _NOWHERE_ELSE)
+    def amid(self, fitted: 'Fitted | None') -> Iterator[None]:
+        """Simulate single effects as amid an explanation: reflections where it has the crane, distortions of its lines.
+
+        The model without effects has the crane where the reference has it, and lines as strong as the link makes them.
+        """
+        effects = _built(fitted) if fitted is not None else []
+        before = self._place, self._level
+        self._place = self._context(filter(displaces, effects))
+        self._level = self._context(filter(self._changes_level, effects))
         try:
             yield
         finally:
-            self._place = before
+            self._place, self._level = before
+
+    def _context(self, effects: Iterable[Effect]) -> '_Amid':
+        """Return effects with their template."""
+        found = tuple(effects)
+        return _Amid(found, self.comparison.template(found)) if found else _Amid()
+
+    def _changes_level(self, effect: Effect) -> bool:
+        """Return whether an effect changes the level of lines enough to change what a distortion of them does."""
+        if effect.distorts or effect.bursts:
+            return False
+        rows = self.comparison.entries.where(kind='amplitude')
+        decibels = self.comparison.template([effect])[rows] * self.comparison.std['amplitude'].ravel()
+        return bool(np.max(np.abs(decibels), initial=0.0) > FIT.louder)
+
+    def _around(self, effects: Sequence[Effect] | Sequence[type[Effect]]) -> '_Amid':
+        """Return amid which effects some are simulated."""
+        if effects and all(map(follows_distance, effects)):
+            return self._place
+        if effects and all(effect.distorts for effect in effects):
+            return self._level
+        return _Amid()
 
     def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
-        moved, without = self._place
-        if moved and effects and all(map(follows_distance, effects)):
-            return self.comparison.template((*moved, *effects), around) - without
+        amid = self._around(effects)
+        if amid.effects:
+            return self.comparison.template((*amid.effects, *effects), around) - amid.template
         return self.comparison.template(effects, around)
 
     def fit(
@@ -467,6 +499,7 @@ class Fitting:
             directions.append(self._by_group(self.comparison.displaced(_built(fitted)) - fitted.template))
         if fitted is not None:
             directions += [self._by_group(x - fitted.template) for x in self.comparison.outcomes(_built(fitted))]
+            directions.append(fadings(self.comparison, _built(fitted)))
         if with_unknown:
             directions.append(self.set_aside)
         weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
@@ -528,6 +561,10 @@ class Fitting:
         for kind in c.kinds:
             rows = c.rows(kind)
             doubt[rows] = kind.doubt(explained, fitted.template[rows], nonlinear[rows])
+        fading = [e for e in _built(fitted) if e.memory]
+        if fading:  # any share of it may be there
+            rows = np.concatenate([c.rows(kind) for kind in c.kinds if kind.of_begin])
+            doubt[rows] = np.hypot(doubt[rows], MODEL.unsettled * self._template(fading)[rows])
         return doubt
 
     def _explained(self, fitted: 'Fitted') -> Explained:
@@ -546,7 +583,6 @@ class Fitting:
             distorting=any(e.distorts for e in acting),
             bursting=any(e.bursts for e in acting),
             distorted=self._receivers(e.key for e in fitted.effects if e.candidate.kind.distorts),
-            settled=self._receivers(e.key for e in fitted.effects if e.candidate.kind.begins_settled),
             incoherence=sum(incoherent),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )

@@ -37,6 +37,9 @@ class FitLimits:
     still: float = 0.02
     """Change of a line's log amplitude or phase [1, rad] below which a distortion of it stays as it is; chosen."""
 
+    louder: float = 0.5
+    """Change of the lines' level [dB], from which on a distortion is simulated beside it; chosen."""
+
     certain: float = 2.0
     """Standard deviations that an effect's size must have, and what makes it this effect; chosen."""
 

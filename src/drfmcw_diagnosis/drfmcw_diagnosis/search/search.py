@@ -12,7 +12,7 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
-from ..compare.predicting import displaces, follows_distance
+from ..compare.predicting import displaces
 from .bank import Candidate, at_stations, candidates, of_coefficients, recipes
 from .fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of
 from .limits import SEARCH
@@ -91,7 +91,7 @@ class Search(Fitting):
     def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
         """Return the starting points that scanners find in the remainder."""
         found = []
-        rest = Rest(self.comparison, residual, self.comparison.distances(self._place[0]))
+        rest = Rest(self.comparison, residual, self.comparison.distances(self._place.effects))
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
         for effect, recipe in recipes(self._left_out):
@@ -139,9 +139,8 @@ class Search(Fitting):
             candidate, values = missing[key]
             return self._template([candidate.build(values)]).astype(np.float32)
 
-        place = tuple(repr(effect) for effect in self._place[0])
         keys = [
-            (c.effect, c.station, tuple(sorted(values.items())), place if follows_distance(c.kind) else ())
+            (c.effect, c.station, tuple(sorted(values.items())), tuple(map(repr, self._around([c.kind]).effects)))
             for c, values in wanted
         ]
         missing = {key: w for key, w in zip(keys, wanted, strict=True) if key not in self._kept}
@@ -349,7 +348,7 @@ class Search(Fitting):
             alone = self._alone(point, rest, freedom, added, goal)
             return None if alone is None else self.fit([*rest.start[:number], *alone.start, *rest.start[number:]])
 
-        with self.standing_as(rest):
+        with self.amid(rest):
             begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
             refits = self._workers.map(refined, [(candidate, values) for _, _, values in begun])
         fits = [f for f in refits if f is not None]
@@ -404,7 +403,7 @@ class Search(Fitting):
 
     def best_addition(self, current: Fitted | None) -> list[Fitted]:
         """Return explanations with one more effect than `current`, refined, best first."""
-        with self.standing_as(current):
+        with self.amid(current):
             return self._best_addition(current)
 
     def _best_addition(self, current: Fitted | None) -> list[Fitted]:
@@ -517,7 +516,7 @@ class Search(Fitting):
                     return None
                 return self.fit(begun.start, linearised=linearised)
 
-            with self.standing_as(rest):
+            with self.amid(rest):
                 points = self._substitutes(rest, SEARCH.promised * goal, freedom)
                 points += self._elsewhere(fitted.effects[left_out], rest, points)
                 others = self._workers.map(refined, points)

@@ -34,7 +34,6 @@ class Effect:
     motion: ClassVar[Motion] = Motion.NONE
     shapes_chirp: ClassVar[bool] = False  # chirp_phase is not zero
     distorts: ClassVar[bool] = False  # not linear in the IF, so that harmonics arise
-    begins_settled: ClassVar[bool] = False  # a real one may have come to rest before the first sample
     bursts: ClassVar[bool] = False  # comes and goes, so that only many sweeps show it
     fluctuates: ClassVar[bool] = False  # has a phase of its own in each sweep: see `in_one_sweep`
     movable: ClassVar[bool] = False  # of the path, but a station's hardware may cause it as well
@@ -61,6 +60,14 @@ class Effect:
     def list_parameters(cls) -> frozenset[str]:
         """Return the names of the parameters that hold a list, for example one value for each distance."""
         return frozenset(name for name, kind in typing.get_type_hints(cls).items() if kind == list[float])
+
+    @property
+    def memory(self) -> float:
+        """Time constant [s] with which its answer to the begin of a signal fades; 0 for none.
+
+        A real one may have settled before the first sample, which the simulated one has not.
+        """
+        return 0.0
 
     def applies_to(self, station: str) -> bool:
         """Return True where the effect acts at `station`; without a station it acts at every one."""

@@ -1,6 +1,7 @@
 """The IF path filters out high frequencies."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -28,7 +29,6 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
     formula = 'X(f) → X(f) / (1 + j f / pole)'
     example = {'pole': 2e6}
     stage = Stage.FILTER
-    begins_settled = True
     recipes = (
         Recipe('', {}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),
         Recipe('', {'noise_behind': True}, {'pole': 2e6}, {'pole': geometric(3e5, 2e7, 8)}),
@@ -38,6 +38,11 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
     noise_behind: bool = parameter(
         False, description="true if the receiver's noise enters behind the filter, which then does not filter it"
     )
+
+    @property
+    def memory(self) -> float:
+        """Time constant of the pole [s]."""
+        return 1.0 / (2.0 * math.pi * self.pole)
 
     def prepare(self, m: Measurements) -> None:
         """Set where the noise enters."""

@@ -18,6 +18,5 @@ class Explained:
     distorting: bool  # one of its effects distorts the IF
     bursting: bool  # one of its effects comes and goes
     distorted: tuple[int, ...]  # stations with samples whose IF is distorted
-    settled: tuple[int, ...]  # stations with samples at which something may have settled before the first one
     incoherence: float  # doubt that its effects cast on what both lines' noise has in common [1]
     changing: Callable[[], np.ndarray]  # computes by how much it makes the ramp change, see `Comparison.changing`

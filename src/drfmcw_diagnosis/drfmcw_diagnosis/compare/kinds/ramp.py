@@ -58,6 +58,20 @@ class Ramp(_OfChannels):
         """Return the series of simulated sweeps."""
         return expected.ramp
 
+    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
+        """Add to it what mirror lines bring by chance of the sweeps' phases, beyond what the scatter shows of it.
+
+        It falls on single terms, over many of which the scatter is smoothed.
+        """
+        doubt = super().doubt(explained, template, nonlinear)
+        if not explained.recorded.scatters:
+            return doubt
+        around = explained.std['flutter'] / np.array([len(m) for m in explained.recorded.members])[:, None, None]
+        changing = maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
+        beyond = around * (1.0 + changing) / explained.std[self.name] ** 2 - 1.0
+        by_chance: np.ndarray = np.hypot(doubt, np.sqrt(np.maximum(beyond * (changing > 0.0), 0.0)).ravel())
+        return by_chance
+
     def chances(self, left: chances.Remainder) -> list[float]:
         """Look also at what all groups have in common, and for events within the sweep."""
         return [*super().chances(left), *chances.common(left.by_group()), chances.events(left)]

@@ -148,15 +148,6 @@ class Transient(_InSpans):
         """Return the means of simulated sweeps."""
         return expected.features.transient
 
-    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
-        """Add all that an explanation adds where a filter may have settled before the first sample."""
-        doubt = super().doubt(explained, template, nonlinear).reshape(len(explained.recorded.members), -1)
-        spans = doubt.shape[1] // len(explained.recorded.heard)
-        for station in explained.settled:
-            own = slice(station * spans, (station + 1) * spans)
-            doubt[:, own] = np.hypot(doubt[:, own], template.reshape(doubt.shape)[:, own])
-        return doubt.ravel()
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Ends(Kind):
@@ -240,6 +231,7 @@ TRANSIENT = Transient(
     level='if_samples',
     axis='ramp_time',
     label='what fades after the begin of the signal',
+    of_begin=True,
     averages=True,
     scatter_freedom=1,
 )
