@@ -40,7 +40,14 @@ def test_every_recipe_fits_its_effect():
     for effect, recipe in recipes():
         declared = declared_parameters(Effect.registry[effect])
         assert set(recipe.prior) <= set(declared)
-        named = {*recipe.start, *recipe.grid, *recipe.defining, *recipe.scanned_with, *recipe.within_recording}
+        named = {
+            *recipe.start,
+            *recipe.grid,
+            *recipe.defining,
+            *recipe.scanned_with,
+            *recipe.within_recording,
+            *recipe.within_sweep,
+        }
         named |= {
             *recipe.steps,
             *recipe.least_steps,

@@ -470,6 +470,8 @@ class Fitting:
             return -math.inf, math.inf  # turns by itself
         if base in candidate.recipe.within_recording:
             high = min(high, max(float(np.ptp(self.comparison.data.time)), 1.0))
+        if base in candidate.recipe.within_sweep:
+            high = min(high, FIT.sweeps * max(sweep.ramp_duration for sweep in self.comparison.data.sweeps[0]))
         return low, high
 
     def misfit(self, template: np.ndarray | float) -> float:

@@ -37,6 +37,10 @@ class FitLimits:
     still: float = 0.02
     """Change of a line's log amplitude or phase [1, rad] below which a distortion of it stays as it is; chosen."""
 
+    sweeps: float = 2.0
+    """Time constant of what fades within a sweep, over the sweep's duration [1], at most: longer ones are a constant;
+    chosen."""
+
     louder: float = 0.5
     """Change of the lines' level [dB], from which on a distortion is simulated beside it; chosen."""
 
@@ -80,6 +84,9 @@ class SearchLimits:
 
     rival: float = 16.0
     """Squared distance below which two explanations are one answer (4 sigma) [1]; chosen."""
+
+    unchanged: float = 0.1
+    """Change of a rounded number by an effect over its standard deviation [1], below which it shows nothing; chosen."""
 
     off: float = 0.01
     """Relative systematic error of a forward model; chosen."""

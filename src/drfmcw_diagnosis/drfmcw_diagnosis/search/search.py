@@ -267,18 +267,28 @@ class Search(Fitting):
         """Return an explanation fitted again from its present values."""
         return self.fit(fitted.start, 4, linearised=fitted.linearised, exact=True)
 
-    def imitated(self, effect: FittedEffect, others: Fitted | None) -> float:
+    def imitated(self, effect: FittedEffect, others: Fitted | None, together: Fitted) -> float:
         """Return the gain that an effect may owe to errors of the other effects' forward models.
 
-        An error is at its worst within a cell, see `cells_of`, and independent from cell to cell.
+        An error is at its worst within a cell, see `cells_of`, and independent from cell to cell. What is rounded, and
+        not changed by the effect, may have changed as the others were fitted again.
+
+        Args:
+            effect: of an explanation.
+            others: the explanation without it, None for none.
+            together: the explanation.
         """
         if others is None:
             return 0.0
-        weight = self.whitening.weight
+        c, weight = self.comparison, self.whitening.weight
         template = np.abs(self._template([effect.build()])) * weight
         doubt = SEARCH.off * np.abs(others.template) * weight
-        overlap = np.bincount(cells_of(self.comparison.entries), template * doubt)
-        return float(overlap @ overlap) / max(float(template @ template), 1e-30)
+        overlap = np.bincount(cells_of(c.entries), template * doubt)
+        rounded = np.concatenate([c.rows(kind) for kind in c.kinds if kind.rounded])
+        unchanged = rounded[template[rounded] < SEARCH.unchanged]
+        before, after = (self.whitening(c.residual - f.template)[unchanged] for f in (others, together))
+        by_rounding = max(float(before @ before - after @ after), 0.0)
+        return float(overlap @ overlap) / max(float(template @ template), 1e-30) + by_rounding
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
         """Return whether an explanation's last effect is certain, differs from the others, and is no mere power drift.

@@ -144,7 +144,7 @@ def forward(
             break
         before = current.misfit if current else search.misfit(0.0)
         added = best.effects[-1]
-        gain = before - best.misfit - search.imitated(added, current)
+        gain = before - best.misfit - search.imitated(added, current, best)
         chance = search.probability(gain, len(added.candidate.free), added.key)
         if len(rounds) == 1:
             significance = chance
@@ -216,7 +216,7 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
                 continue
             rest = tuple(e for i, e in enumerate(found.effects) if i != number)
             without = search.again(dataclasses.replace(found, effects=rest, linearised=linearised))
-            gain = without.misfit - found.misfit - search.imitated(effect, without)
+            gain = without.misfit - found.misfit - search.imitated(effect, without, found)
             if effect.candidate.kind.bursts:
                 gain = search.gain_over(found, without)
             chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))

@@ -28,6 +28,7 @@ class ReceiverSettling(Effect, name='receiver_settling', of=Of.STATION):
             grid={'time_constant': geometric(5e-6, 2e-3, 9)},
             defining=('time_constant',),  # one that is not determined is a constant: leakage
             decibel=True,
+            within_sweep=('time_constant',),  # a longer one is leakage
             steps={'level': 0.05},
         ),
     )

@@ -34,6 +34,7 @@ class Recipe:
     limits: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)  # where narrower than declared
     per_group: bool = False  # the size differs from group to group: parameters size[0], size[1], ...
     within_recording: tuple[str, ...] = ()  # times [s] that count only up to the recording's length
+    within_sweep: tuple[str, ...] = ()  # times [s] that count only up to some lengths of the sweep
     # numbers of coefficients to try of the one parameter, a list: this is no start by itself, but takes the place of
     # several effects that shape the chirp
     coefficients: tuple[int, ...] = ()
