@@ -31,6 +31,15 @@ class CurveLimits:
     cubic: tuple[int, ...] = (0, 1, 2, 3)
     """Degrees of a curve that is set aside, or that follows an effect of one condition; chosen."""
 
+    longest: float = 1.5
+    """Period of a wave over the time, over the recording's length [1], at most; chosen: a longer one is a curve."""
+
+    fastest: float = 2.5
+    """Mean distance in time of two groups of sweeps over which its period is, at least [1]; chosen: Nyquist's 2."""
+
+    per_wave: int = 4
+    """Periods that are tried for each wave more or less in the recording; chosen."""
+
     of_condition: float = 0.995
     """Share of an effect's squares that a cubic curve of a condition follows, from which on it is one; chosen."""
 
@@ -138,8 +147,8 @@ def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.nd
         curves = (_curves(search, kind, x, LIMITS.cubic) for x in conditions(search).values())
         best = max((_fitted(x, rest, as_measured, beside) for x in curves), key=lambda one: one.gain, default=None)
         step = _best_step(search, kind, rest, as_measured, beside)
-        if best is None or (step is not None and step.gain > best.gain - LIMITS.parameter * (len(LIMITS.cubic) - 1)):
-            best = step
+        wave = _best_wave(search, kind, rest, as_measured, beside)
+        best = max((x for x in (best, step, wave) if x is not None), key=lambda one: one.worth, default=None)
         if best is None or best.gain < LIMITS.worth * excess or best.chance > LIMITS.unlikely:
             continue
         if named < 0.0:  # what the best effect would explain, of these numbers and of all others
@@ -159,6 +168,11 @@ class _Unnamed:
     gain: float
     size: float  # of the largest
     chance: float  # of as large a gain
+
+    @property
+    def worth(self) -> float:
+        """Gain less what the sizes cost."""
+        return self.gain - LIMITS.parameter * len(self.shapes)
 
 
 def _fitted(shapes: np.ndarray, rest: np.ndarray, as_measured: Whitening, beside: Freedom) -> _Unnamed:
@@ -190,6 +204,29 @@ def _best_step(
             one = _fitted(tried[[int(np.argmax(gains))]], rest, as_measured, beside)
             best = dataclasses.replace(one, chance=one.chance * len(gains))
     return best
+
+
+def _best_wave(
+    search: Search, kind: Kind, rest: np.ndarray, as_measured: Whitening, beside: Freedom
+) -> _Unnamed | None:
+    """Return the best wave over the time, of any period and phase, None where groups are too few to show one."""
+    time = conditions(search).get('time')
+    if time is None:
+        return None
+    length = float(np.ptp(time))
+    most = (len(time) - 1) / LIMITS.fastest  # waves in the recording
+    best = None
+    waves = np.arange(1.0 / LIMITS.longest, most, 1.0 / LIMITS.per_wave)
+    rows = search.comparison.rows(kind)
+    std = np.asarray(search.comparison.std[kind.name]).ravel()
+    for number in waves:
+        turn = 2.0 * np.pi * number * (time - time.min()) / length
+        shapes = np.zeros((2, len(rest)))
+        shapes[:, rows] = np.stack([np.cos(turn), np.sin(turn)])[:, search.comparison.entries.group[rows]] / std
+        one = _fitted(shapes, rest, as_measured, beside)
+        if best is None or one.gain > best.gain:
+            best = one
+    return best and dataclasses.replace(best, chance=best.chance * len(waves))
 
 
 def _curves(fitting: Fitting, kind: Kind, x: np.ndarray, degrees: tuple[int, ...]) -> np.ndarray:

@@ -96,7 +96,7 @@ def repeated_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) ->
     return repeats / total if total > 0.0 else 0.0
 
 
-def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray) -> float:
+def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray, expected: np.ndarray) -> float:
     """Return by how much the rest of the phases over the sweep may shift the range, over an effect's change of it.
 
     Both as rms over the groups, by what the range is known to. A sweep's frequency follows a part of what bends its
@@ -106,14 +106,17 @@ def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray) ->
         fitting: of the recording.
         rest: what the explanation leaves, over standard deviations (n,).
         added: what the effect adds to it, likewise.
+        expected: mean squares of such a rest by chance and by errors of the forward models (n,).
     """
     c = fitting.comparison
     channel = next(i for i, x in enumerate(c.recorded.channels) if x.of_phase)  # the sum, or the only one
     std = c.std.ramp[:, channel]
     scale = np.where(np.isfinite(std), std, 0.0)
-    left = fitting.without_set_aside(rest)[c.entries.where(kind='ramp', station=channel)].reshape(std.shape)
-    squares = (left**2 - 1.0) * scale**2
-    turned = np.sqrt(np.maximum(squares.sum(axis=1), 0.0) / std.shape[1])  # rms [rad] (G,)
+    rows = c.entries.where(kind='ramp', station=channel)
+    left, usual = (x[rows].reshape(std.shape) for x in (fitting.without_set_aside(rest), expected))
+    squares = np.sum((left**2 - usual) * scale**2, axis=1)
+    by_chance = np.sqrt(2.0 * np.sum((usual * scale**2) ** 2, axis=1))  # chi-squared
+    turned = np.sqrt(np.maximum(squares - by_chance, 0.0) / std.shape[1])  # rms [rad] (G,)
     band = abs(c.data.sweeps[0][0].chirp_rate) * float(c.time[-1] - c.time[0])
     shifted = turned * math.sqrt(12.0) * SPEED_OF_LIGHT / (2.0 * math.pi * band) / c.std.range
     change = added[of_level(fitting, 'range')]

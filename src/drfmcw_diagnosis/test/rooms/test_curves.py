@@ -77,6 +77,23 @@ def test_a_curve_that_no_effect_describes_is_set_aside(data):
     assert len(left(search, None, search.whitening)) == 0
 
 
+def test_a_reference_that_wanders_is_set_aside(data):
+    """Multipath of a satellite receiver: its error goes up and down over minutes, whatever the distance."""
+    comparison = Comparison(data)
+    search = Search(comparison)
+    time = conditions(search)['time']
+    nothing = search.set_aside
+    for waves in (0.8, 1.9, 2.6):
+        wander = 0.08 * np.sin(2.0 * np.pi * waves * (time - time.min()) / np.ptp(time) + 0.5)
+        comparison.residual = range_errors(comparison, wander)
+        search.set_aside = nothing
+        search.trust(None)
+        before = search.misfit(0.0)
+        search.set_aside = left(search, None, search.whitening)
+        search.trust(None)
+        assert search.misfit(0.0) < 0.1 * before
+
+
 def test_a_clock_that_jumps_is_set_aside(data):
     """From some temperature on it is off: a step of one clock explains all, and what is left hides no other effect."""
     comparison = Comparison(data)
