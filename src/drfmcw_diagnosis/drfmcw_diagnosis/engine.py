@@ -35,11 +35,12 @@ from .recording.dataset import Dataset, read_dataset
 from .recording.thinning import representative, shortened
 from .scene.judge import examine
 from .scene.ramps.ramp import Ramp
-from .search.bank import recipes
-from .search.fitting import Fitted, FittedEffect, Fitting
+from .search.fitted import Fitted, FittedEffect
+from .search.fitting import Fitting
 from .search.leftovers import leftovers
 from .search.search import Search
 from .search.selection import searched
+from .search.starts.bank import recipes
 
 
 @dataclasses.dataclass(frozen=True)

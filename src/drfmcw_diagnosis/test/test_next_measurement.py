@@ -42,8 +42,9 @@ from drfmcw_diagnosis.next.instruments import (
 )
 from drfmcw_diagnosis.next.ranking import measurements, ranked
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import Candidate
-from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting
+from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect
+from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_sim.effects import Effect
 
 ROOT = 1e-3  # below which a separation is numerical noise [standard deviations]

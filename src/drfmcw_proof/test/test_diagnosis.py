@@ -12,11 +12,11 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import Candidate, candidates, recipes
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
-from drfmcw_diagnosis.search.scanners import SCANNERS, starting_points
-from drfmcw_diagnosis.search.scanning import Rest
+from drfmcw_diagnosis.search.starts.bank import Candidate, candidates, recipes
+from drfmcw_diagnosis.search.starts.scanners import SCANNERS, starting_points
+from drfmcw_diagnosis.search.starts.scanning import Rest
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, declared_parameters
 from drfmcw_proof.cases.concealing import Applied, conceal

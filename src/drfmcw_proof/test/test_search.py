@@ -12,11 +12,12 @@ from drfmcw_diagnosis.features.limits import SPECTRUM
 from drfmcw_diagnosis.judging.rivals import rivals, widened
 from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import Candidate
-from drfmcw_diagnosis.search.fitting import Fitted, FittedEffect, Fitting, Freedom
+from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
+from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
+from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
 from drfmcw_proof.cases.draws import Extent, both_stations, random_condition

@@ -10,7 +10,8 @@ from ..compare.comparison import Comparison
 from ..compare.groups import Groups
 from ..compare.kinds.kind import Kind, Shown
 from ..learn.learning import Learnt, uncertainty
-from ..search.fitting import Fitted, Fitting
+from ..search.fitted import Fitted
+from ..search.fitting import Fitting
 from .limits import VIEWS
 from .result import Location, MisfitMap, Separability, Series
 

@@ -14,10 +14,11 @@ from scipy import stats
 from drfmcw_sim.effects import ActsOn, Effect, Stated
 
 from ..compare.kinds import Kind
-from ..search.bank import Candidate, recipes
-from ..search.fitting import Fitted, Fitting, Freedom
+from ..search.fitted import Fitted, Freedom
+from ..search.fitting import Fitting
 from ..search.path_sets import LIMITS as PATH
 from ..search.search import Search
+from ..search.starts.bank import Candidate, recipes
 from ..search.whitening import Whitening
 
 

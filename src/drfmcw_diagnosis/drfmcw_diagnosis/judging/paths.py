@@ -21,10 +21,11 @@ from drfmcw_sim.measurements import Measurements, Path
 
 from ..compare.comparison import Comparison
 from ..compare.predicting import follows_distance
-from ..search.fitting import Fitted, Fitting, Freedom
+from ..search.fitted import Fitted, Freedom
+from ..search.fitting import Fitting
 from ..search.leftovers import Leftover
-from ..search.phasors import Phasors, path_phasors, per_metre
 from ..search.search import Search
+from ..search.starts.phasors import Phasors, path_phasors, per_metre
 from ..search.whitening import Whitening
 
 

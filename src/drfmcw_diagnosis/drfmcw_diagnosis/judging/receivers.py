@@ -12,7 +12,8 @@ import numpy as np
 
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 
-from ..search.fitting import FittedEffect, Fitting
+from ..search.fitted import FittedEffect
+from ..search.fitting import Fitting
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..search.bank import Candidate
-from ..search.fitting import Fitted, FittedEffect
+from ..search.fitted import Fitted, FittedEffect
 from ..search.limits import RIVALS, SEARCH
 from ..search.search import Search
+from ..search.starts.bank import Candidate
 
 
 def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:

@@ -12,7 +12,8 @@ from scipy import special
 
 from ..compare.limits import SCATTER
 from ..features.extractor import ramp_spectrum
-from ..search.fitting import Fitted, Fitting
+from ..search.fitted import Fitted
+from ..search.fitting import Fitting
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..search import events
-from ..search.fitting import Fitted
+from ..search.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SELECTION
 from ..search.search import Search

@@ -12,7 +12,7 @@ from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect
 
 from ..finding.result import Estimate, Explanation, FoundEffect, Location
-from ..search.bank import Candidate
+from ..search.starts.bank import Candidate
 from .background import Background, gain
 from .bursts import Bursts
 from .forward.misfit import bounded

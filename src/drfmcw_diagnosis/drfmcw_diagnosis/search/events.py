@@ -15,7 +15,8 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.algebra import scaled_inverse
 from ..compare.over_sweep import as_shown, over_sweep, ramp_of
-from .fitting import Fitted, Fitting, Freedom
+from .fitted import Fitted, Freedom
+from .fitting import Fitting
 from .whitening import Whitening
 
 

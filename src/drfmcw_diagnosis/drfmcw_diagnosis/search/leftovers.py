@@ -6,7 +6,8 @@ import numpy as np
 from scipy import stats
 
 from ..compare.kinds.chances import Remainder, combined
-from .fitting import Fitted, Fitting
+from .fitted import Fitted
+from .fitting import Fitting
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,10 +9,10 @@ import itertools
 
 import numpy as np
 
-from .bank import Candidate
-from .fitting import Fitted
+from .fitted import Fitted
 from .limits import SELECTION
 from .search import Search
+from .starts.bank import Candidate
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from . import events, path_sets
-from .fitting import Fitted
+from .fitted import Fitted
 from .leftovers import leftovers
 from .limits import SELECTION
 from .search import Search

@@ -8,9 +8,9 @@ from checkout import DATA
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.bank import Candidate
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.search import Search
+from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_sim.effects import Effect
 
 

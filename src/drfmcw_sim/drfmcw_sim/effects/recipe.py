@@ -43,7 +43,7 @@ class Recipe:
     least_steps: Mapping[str, float] = dataclasses.field(default_factory=dict)  # of these, where 1 % of a size is less
 
     # scan
-    scan: str = ''  # scanner of the diagnosis that finds starting points: see drfmcw_diagnosis.search.scanners
+    scan: str = ''  # scanner of the diagnosis that finds starting points: see drfmcw_diagnosis.search.starts.scanners
     scanned: str = ''  # parameter that the scanner finds
     scanned_with: tuple[str, ...] = ()  # further parameters that it finds
     cells: int = 1  # independent starting points among which a scan chooses: what chance is counted over

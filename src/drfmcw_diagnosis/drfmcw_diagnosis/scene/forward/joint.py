@@ -7,7 +7,7 @@ import numpy as np
 
 from drfmcw_physics.settings import declared_parameters
 
-from ...search.bank import Candidate
+from ...search.starts.bank import Candidate
 from .limits import FORWARD
 from .misfit import Misfit
 from .model import Scene, judged_by

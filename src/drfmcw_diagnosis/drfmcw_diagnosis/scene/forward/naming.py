@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import ActsOn, Effect, Of, Recipe
 
-from ...search.bank import Candidate, recipes
+from ...search.starts.bank import Candidate, recipes
 from .agreement import agreement
 from .joint import Fitted, bounds_of, curve, fit, heard_by, judged, modelled, simulated, with_lines
 from .limits import NAMING, WARPS

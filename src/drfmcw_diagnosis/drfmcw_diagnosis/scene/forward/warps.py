@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_sim.effects import Effect, Recipe
 
-from ...search.bank import Candidate, recipes
+from ...search.starts.bank import Candidate, recipes
 from .limits import WARPS
 from .model import Scene
 from .simulated import Simulated

@@ -11,8 +11,8 @@ from scipy.ndimage import maximum_filter1d
 
 from drfmcw_sim.effects import Recipe
 
-from ..compare.comparison import Comparison
-from .limits import SCAN
+from ...compare.comparison import Comparison
+from ..limits import SCAN
 
 Values = Sequence[float | tuple[float, ...]]
 """Values of a scanned parameter, or of several parameters together, best first."""

@@ -10,9 +10,9 @@ import scipy.fft
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 from drfmcw_sim.effects import Recipe
 
-from ..compare.comparison import Comparison
-from ..features.limits import SPECTRUM
-from .limits import SCAN
+from ...compare.comparison import Comparison
+from ...features.limits import SPECTRUM
+from ..limits import SCAN
 from .scanning import Rest, Values, peaks
 
 

@@ -17,13 +17,13 @@ from drfmcw_physics.settings import ConfigurationError, nearest
 from drfmcw_physics.sweep import Role
 from drfmcw_sim.effects import Recipe
 
-from ..compare.comparison import Comparison
-from ..compare.limits import SCATTER
-from ..features.extractor import ramp_spectrum
-from ..features.limits import SPECTRUM, SURGES
-from ..features.sines import strongest, waves, without
-from ..features.surges import surge_power
-from .limits import SCAN
+from ...compare.comparison import Comparison
+from ...compare.limits import SCATTER
+from ...features.extractor import ramp_spectrum
+from ...features.limits import SPECTRUM, SURGES
+from ...features.sines import strongest, waves, without
+from ...features.surges import surge_power
+from ..limits import SCAN
 from .phasors import echoes, per_metre, reflections, ripples, sweep_resolution
 from .scanning import Rest, Scanner, Values, peaks
 
