@@ -13,6 +13,9 @@ and much is left; where others of that kind, which may nearly cancel it, make it
 be without them; and where the rest of the phases over the sweep may shift the range half as far. What range and beat
 frequency alone show is in doubt where a step explains as much.
 
+What is set aside is known to first order only. So an effect that shows in the same numbers, and explains less than a
+ten-thousandth of what that does, is in doubt.
+
 Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
 something unknown has.
 
@@ -39,7 +42,8 @@ from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
-from ..search.fitting import Fitted, FittedEffect, Fitting, Freedom, cells_of, series_of
+from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
+from ..search.fitting import Fitting
 from ..search.leftovers import Leftover, leftovers
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
@@ -73,6 +77,7 @@ class StandingLimits:
     course: float = 0.5  # shift of the range by the rest of the phases over an effect's change of it, at most [1]
     unexplained: float = 0.5  # rest of a receiver's amplitude over an effect's change of its noise, at most [1]
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
+    faint: float = 1e-4  # gain over what is set aside of the same numbers explains, at least [1]
     repeated: float = 0.3  # share of what an effect adds to the noise that repeats in each sweep, at most [1]
     determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
@@ -105,6 +110,7 @@ class Standing:
     uneven_power: float = 0.0  # of effects that the received power alone shows
     repeated: float = 0.0  # of effects that the noise alone shows
     inflated: float = 1.0  # of effects that the range alone shows
+    over_aside: float = np.inf  # of effects that show in the numbers of what is set aside
     cancelled: float = 1.0
     beyond_event: float = np.inf  # of effects that show over the sweep alone
     beyond_path: float = np.inf  # of second paths
@@ -128,6 +134,7 @@ class Standing:
             and self.uneven_power < LIMITS.uneven_power
             and self.repeated < LIMITS.repeated
             and self.inflated < LIMITS.inflated
+            and self.over_aside > LIMITS.faint
             and not self.is_cancelled
             and not self.is_event
             and not self.is_path
@@ -189,6 +196,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     paths = beyond_paths(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
+    aside = np.any(fitting.set_aside != 0.0, axis=0)
+    by_aside = float(np.sum(as_it_is(residual) ** 2) - left_over @ left_over)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -212,6 +221,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
         explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
         curve = curves[number]
+        beside_aside = aside.any() and 2.0 * float(measured[aside] @ measured[aside]) > float(measured @ measured)
         # a group holds few bursts, so each part of the numbers knows their size to that only; numbers of all groups
         # together, of spans and of windows of several lengths, confirm each other where little is left of them
         doubt = MODEL.bursts**2 if bursts else 0.0
@@ -234,6 +244,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 uneven_power=uneven_power(fitting, fitted.effects[number], residual, alone),
                 repeated=repeated_noise(fitting, fitted.effects[number], alone),
                 inflated=inflations[number],
+                over_aside=standing.gain / max(by_aside, 1e-30) if beside_aside else np.inf,
                 cancelled=cancelled[number],
                 beyond_event=beyond[number],
                 beyond_path=paths[number],
