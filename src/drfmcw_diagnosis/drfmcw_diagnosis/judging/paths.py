@@ -20,7 +20,6 @@ from drfmcw_sim.effects.motion import slowness
 from drfmcw_sim.measurements import Measurements, Path
 
 from ..compare.comparison import Comparison
-from ..compare.predicting import follows_distance
 from ..search.fitted import Fitted, Freedom
 from ..search.fitting import Fitting
 from ..search.leftovers import Leftover
@@ -117,7 +116,7 @@ def beyond_paths(fitting: Fitting, fitted: Fitted) -> list[float]:
         fitted: the explanation.
     """
     found = [np.inf] * len(fitted.effects)
-    own = [i for i, effect in enumerate(fitted.effects) if follows_distance(effect.candidate.kind)]
+    own = [i for i, effect in enumerate(fitted.effects) if _is_second_path(effect.candidate.kind)]
     if not own:
         return found
     c, whitening = fitting.comparison, fitting.whitening
@@ -137,6 +136,10 @@ def beyond_paths(fitting: Fitting, fitted: Fitted) -> list[float]:
         if not _needed(fitting, fitted, i, with_law):
             found[i] = gain - instead
     return found
+
+
+def _is_second_path(kind: type[Effect]) -> bool:
+    return kind.stage is Stage.PATHS and ActsOn.DELAY in kind.acts_on
 
 
 def _needed(fitting: Fitting, fitted: Fitted, number: int, beside_law: Whitening) -> bool:
@@ -210,7 +213,12 @@ def _gain(directions: np.ndarray, rest: np.ndarray) -> float:
 
 
 def _best_law(c: Comparison, residual: np.ndarray) -> _Law | None:
-    """Return the second path without a name that explains most of a residual over the sweep (n,); None of nothing."""
+    """Return the second path without a name that explains most of a residual over the sweep (n,); None where none does.
+
+    At one distance alone nothing separates it from an echo.
+    """
+    if len(c.members) < 2:
+        return None
     phasors = path_phasors(c, residual)
     each = phasors.gain_of_each()  # (G, cells)
     found = list(_still(c, phasors, each)) + list(_along_a_part(c, phasors, each))

@@ -92,3 +92,10 @@ def test_an_echo_at_one_distance_is_in_doubt_and_one_at_all_is_not(search):
         echo = next(f for f in found if f.effects[0].candidate.effect == 'echo')
         search.trust(echo)
         assert (beyond_paths(search, search.again(echo))[0] < LIMITS.beaten) == doubtful
+
+
+def test_at_one_distance_a_path_is_an_echo():
+    """Nothing separates them there."""
+    data = read_dataset(DATA / 'recording_0')
+    search = Search(Comparison(data, np.flatnonzero(data.group == data.group[0])))
+    assert not len(set_aside(with_residual(search, of_path(search, offset=12.0))))
