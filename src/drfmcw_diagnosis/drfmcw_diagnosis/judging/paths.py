@@ -9,7 +9,6 @@ Two echoes, or an echo and a reflection, imitate that.
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from scipy import stats
@@ -105,6 +104,11 @@ class _Law:
         """Amplitude and phase in each group, and one of the law."""
         return 2 * int(self.seen.sum()) + 1
 
+    @property
+    def worth(self) -> float:
+        """Gain less what the parameters cost."""
+        return self.gain - LIMITS.parameter * self.parameters
+
 
 def beyond_paths(fitting: Fitting, fitted: Fitted) -> list[float]:
     """Return by how much second paths gain more than one without a name in their place; infinity for other effects.
@@ -188,7 +192,7 @@ def _found(search: Search, fitted: Fitted | None, as_measured: Whitening) -> _Fo
     c = search.comparison
     residual = c.residual - (fitted.template if fitted is not None else 0.0)
     law = _best_law(c, residual)
-    if law is None or law.gain - LIMITS.parameter * law.parameters < law.everywhere + LIMITS.clearly:
+    if law is None or law.worth < law.everywhere + LIMITS.clearly:
         return None
     nothing = np.zeros((0, len(residual)))
     beside = Freedom(as_measured(search.slopes(fitted)) if fitted is not None else nothing)
@@ -221,61 +225,68 @@ def _best_law(c: Comparison, residual: np.ndarray) -> _Law | None:
         return None
     phasors = path_phasors(c, residual)
     each = phasors.gain_of_each()  # (G, cells)
-    found = list(_still(c, phasors, each)) + list(_along_a_part(c, phasors, each))
-    best = max(found, key=lambda law: law.gain - LIMITS.parameter * law.parameters, default=None)
+    seen = np.where(each > LIMITS.seen, each, 0.0)
+    still, parts = _still(c, phasors, seen), _along_a_part(c, phasors, seen)
+    best = max((law for law in (still, parts) if law is not None), key=lambda law: law.worth, default=None)
     if best is None:
         return None
-    return dataclasses.replace(best, everywhere=float(phasors.gain().max()), tried=len(found))
+    tried = sum(law.tried for law in (still, parts) if law is not None)
+    return dataclasses.replace(best, everywhere=float(phasors.gain().max()), tried=tried)
 
 
-def _still(c: Comparison, phasors: Phasors, each: np.ndarray) -> Iterator[_Law]:
-    """Yield laws of reflectors that stand still behind the crane, at any place."""
-    distance = c.recorded.distance
+def _still(c: Comparison, phasors: Phasors, seen: np.ndarray) -> _Law | None:
+    """Return the best reflector that stands still behind the crane; `seen` gains of each group in each cell."""
+    distance, count = c.recorded.distance, len(phasors.frequency)
     per_cell = phasors.frequency[0] / per_metre(c)  # [m]
-    groups = np.arange(len(distance))
-    farthest = float(distance.max()) + 0.5 * per_cell * len(phasors.frequency)
-    for place in np.arange(float(np.sort(distance)[1]), farthest, 0.25 * per_cell):
-        cell = np.rint(2.0 * (place - distance) / per_cell).astype(int) - 1
-        inside = (cell >= 0) & (cell < len(phasors.frequency))
-        law = _law(phasors, each, groups[inside], cell[inside], 2.0 * place, -2.0)
-        if law is not None:
-            yield dataclasses.replace(law, resolved=cell >= len(phasors.frequency))
-
-
-def _along_a_part(c: Comparison, phasors: Phasors, each: np.ndarray) -> Iterator[_Law]:
-    """Yield laws of reflectors that are there between two distances only, of any excess length."""
-    order = np.argsort(c.recorded.distance)
-    per_cell = phasors.frequency[0] / per_metre(c)
-    for cell, gains in enumerate((each[order] - LIMITS.seen).T):
-        first, last = _largest_run(gains)
-        if last - first < len(order):  # a path that is there everywhere is an echo
-            cells = np.full(last - first, cell)
-            law = _law(phasors, each, order[first:last], cells, (cell + 1) * per_cell, 0.0)
-            if law is not None:
-                yield law
-
-
-def _law(
-    phasors: Phasors, each: np.ndarray, groups: np.ndarray, cells: np.ndarray, offset: float, slope: float
-) -> _Law | None:
-    """Return a law of the groups at which it is seen, None where it is in none."""
-    kept = each[groups, cells] > LIMITS.seen
-    groups, cells = groups[kept], cells[kept]
-    if not len(groups):
+    places = np.arange(float(distance.min()), float(distance.max()) + 0.5 * per_cell * count, 0.25 * per_cell)
+    cells = np.rint(2.0 * (places[:, None] - distance) / per_cell).astype(int) - 1  # (laws, G)
+    inside = (cells >= 0) & (cells < count)
+    gains = np.where(inside, seen[np.arange(len(distance)), cells.clip(0, count - 1)], 0.0)
+    law = _best(phasors, gains, cells, 2.0 * places, -2.0)
+    if law is None:
         return None
-    seen, nowhere = np.zeros(len(each), bool), np.zeros(len(each), bool)
-    sizes = phasors.size_of_each()[groups, cells]
-    amplitude = np.full(len(each), sizes.mean())
-    seen[groups], amplitude[groups] = True, sizes
-    return _Law(offset, slope, seen, nowhere, amplitude, float(each[groups, cells].sum()), 0.0, 1)
+    beyond = 2.0 * (0.5 * law.offset - distance) / per_cell >= count + 1
+    return dataclasses.replace(law, resolved=beyond)
 
 
-def _largest_run(values: np.ndarray) -> tuple[int, int]:
-    """Return begin and end of the run of values with the largest sum."""
-    sums = np.concatenate([[0.0], np.cumsum(values)])
-    lowest = np.minimum.accumulate(sums)
-    last = int(np.argmax(sums - lowest))
-    return int(np.argmin(sums[: last + 1])), last
+def _along_a_part(c: Comparison, phasors: Phasors, seen: np.ndarray) -> _Law | None:
+    """Return the best reflector that is there between two distances only; `seen` gains of each group in each cell."""
+    order = np.argsort(c.recorded.distance)
+    over = seen[order] - LIMITS.seen
+    sums = np.concatenate([np.zeros((1, over.shape[1])), np.cumsum(over, axis=0)])
+    lowest = np.minimum.accumulate(sums, axis=0)
+    last = np.argmax(sums - lowest, axis=0)  # (cells,) the run with the largest sum ends there
+    first = np.array([int(np.argmin(sums[: end + 1, cell])) for cell, end in enumerate(last)])
+    place = np.arange(len(order))[:, None]
+    part = (place >= first) & (place < last) & (last - first < len(order))  # one that is everywhere is an echo
+    gains = np.zeros_like(seen)
+    gains[order] = np.where(part, seen[order], 0.0)
+    cells = np.broadcast_to(np.arange(seen.shape[1])[:, None], gains.T.shape)
+    lengths = phasors.frequency / per_metre(c)
+    return _best(phasors, gains.T, cells, lengths, 0.0)
+
+
+def _best(phasors: Phasors, gains: np.ndarray, cells: np.ndarray, offsets: np.ndarray, slope: float) -> _Law | None:
+    """Return the best of laws, None where none is seen anywhere.
+
+    Args:
+        phasors: how well a second path fits.
+        gains: of each law in each group, 0 where it is not seen (laws, G).
+        cells: of its excess length (laws, G).
+        offsets: of this [m] (laws,).
+        slope: of this over the distance.
+    """
+    tried = int(np.count_nonzero(gains.any(axis=1)))
+    if not tried:
+        return None
+    worth = gains.sum(axis=1) - LIMITS.parameter * (2 * np.count_nonzero(gains, axis=1) + 1)
+    best = int(np.argmax(np.where(gains.any(axis=1), worth, -np.inf)))
+    seen = gains[best] > 0.0
+    sizes = phasors.size_of_each()[np.flatnonzero(seen), cells[best, seen]]
+    amplitude = np.full(len(seen), sizes.mean())
+    amplitude[seen] = sizes
+    nowhere = np.zeros(len(seen), bool)
+    return _Law(float(offsets[best]), slope, seen, nowhere, amplitude, float(gains[best].sum()), 0.0, tried)
 
 
 @functools.lru_cache(maxsize=32)

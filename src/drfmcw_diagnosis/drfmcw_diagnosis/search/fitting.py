@@ -105,7 +105,8 @@ class Fitting:
         if effect.distorts or effect.bursts:
             return False
         rows = self.comparison.entries.where(kind='amplitude')
-        decibels = self.comparison.template([effect])[rows] * self.comparison.std['amplitude'].ravel()
+        std = self.comparison.std['amplitude'].ravel()
+        decibels = self.comparison.template([effect])[rows] * np.where(np.isfinite(std), std, 0.0)
         return bool(np.max(np.abs(decibels), initial=0.0) > FIT.louder)
 
     def _around(self, effects: Sequence[Effect] | Sequence[type[Effect]]) -> '_Amid':

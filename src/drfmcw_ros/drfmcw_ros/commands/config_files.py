@@ -6,7 +6,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 
 from drfmcw_physics.settings import ConfigurationError, nearest
 
-_CHECKOUT = Path(__file__).resolve().parents[3] / 'config'  # where this file lies in a checkout
+_CHECKOUT = Path(__file__).resolve().parents[4] / 'config'  # where this file lies in a checkout
 _PACKAGE = 'drfmcw_bringup'  # installs them
 
 
