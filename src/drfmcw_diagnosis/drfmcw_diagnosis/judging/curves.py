@@ -13,6 +13,7 @@ from scipy import stats
 
 from drfmcw_sim.effects import ActsOn, Effect, Stated
 
+from ..compare.algebra import gain_of, sizes_of
 from ..compare.kinds import Kind
 from ..search.fitted import Fitted, Freedom
 from ..search.fitting import Fitting
@@ -111,7 +112,7 @@ def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray)
     gains = {}
     for name, x in over.items():
         followed = beside.left(fitting.whitening(_curves(fitting, kind, x, LIMITS.degrees)))
-        gains[name] = float(_sizes(followed, rest) @ (followed @ rest))
+        gains[name] = gain_of(followed, rest)
     most = max(gains.values(), default=0.0)
     found: list[float | None] = []
     for effect in fitted.effects:
@@ -153,9 +154,7 @@ def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.nd
         if best is None or best.gain < LIMITS.worth * excess or best.chance > LIMITS.unlikely:
             continue
         if named < 0.0:  # what the best effect would explain, of these numbers and of all others
-            templates = as_measured(search.templates_beside(fitted, scanned=False))
-            power = np.einsum('mj,mj->m', templates, templates)
-            named = float(np.max((templates @ rest) ** 2 / np.maximum(power, 1e-12), initial=0.0))
+            named = search.most_by_one(fitted, as_measured, rest, scanned=False)
         if named < best.gain - LIMITS.clearly:
             found = np.concatenate([found, LIMITS.prior * best.size * best.shapes])
     return found
@@ -179,7 +178,7 @@ class _Unnamed:
 def _fitted(shapes: np.ndarray, rest: np.ndarray, as_measured: Whitening, beside: Freedom) -> _Unnamed:
     """Return how shapes (k, n) fit what is left (n,) beside an explanation's freedom."""
     followed = beside.left(as_measured(shapes))
-    sizes = _sizes(followed, rest)
+    sizes = sizes_of(followed, rest)
     gain = float(sizes @ (followed @ rest))
     return _Unnamed(shapes, gain, float(np.abs(sizes).max()), float(stats.chi2.sf(gain, len(shapes))))
 
@@ -218,13 +217,10 @@ def _best_wave(
     most = (len(time) - 1) / LIMITS.fastest  # waves in the recording
     best = None
     waves = np.arange(1.0 / LIMITS.longest, most, 1.0 / LIMITS.per_wave)
-    rows = search.comparison.rows(kind)
-    std = np.asarray(search.comparison.std[kind.name]).ravel()
     for number in waves:
         turn = 2.0 * np.pi * number * (time - time.min()) / length
-        shapes = np.zeros((2, len(rest)))
-        shapes[:, rows] = np.stack([np.cos(turn), np.sin(turn)])[:, search.comparison.entries.group[rows]] / std
-        one = _fitted(shapes, rest, as_measured, beside)
+        wave = _in_numbers(search, kind, np.stack([np.cos(turn), np.sin(turn)]))
+        one = _fitted(wave, rest, as_measured, beside)
         if best is None or one.gain > best.gain:
             best = one
     return best and dataclasses.replace(best, chance=best.chance * len(waves))
@@ -232,19 +228,17 @@ def _best_wave(
 
 def _curves(fitting: Fitting, kind: Kind, x: np.ndarray, degrees: tuple[int, ...]) -> np.ndarray:
     """Return polynomials of a condition (G,) in the numbers of one kind, over their standard deviations (k, n)."""
+    scaled = 2.0 * (x - x.min()) / np.ptp(x) - 1.0
+    return _in_numbers(fitting, kind, np.stack([np.polynomial.Chebyshev.basis(n)(scaled) for n in degrees]))
+
+
+def _in_numbers(fitting: Fitting, kind: Kind, values: np.ndarray) -> np.ndarray:
+    """Return values of each group (k, G) in the numbers of one kind, over their standard deviations (k, n)."""
     c = fitting.comparison
     rows = c.rows(kind)
-    scaled = 2.0 * (x - x.min()) / np.ptp(x) - 1.0
-    found = np.zeros((len(degrees), len(c.residual)))
-    std = np.asarray(c.std[kind.name]).ravel()
-    found[:, rows] = [np.polynomial.Chebyshev.basis(n)(scaled)[c.entries.group[rows]] / std for n in degrees]
+    found = np.zeros((len(values), len(c.residual)))
+    found[:, rows] = values[:, c.entries.group[rows]] / np.asarray(c.std[kind.name]).ravel()
     return found
-
-
-def _sizes(curves: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return the sizes of curves (k, n) that fit what is left (n,) best."""
-    sizes: np.ndarray = np.linalg.lstsq(curves @ curves.T, curves @ rest, rcond=1e-9)[0]
-    return sizes
 
 
 def _follows(values: np.ndarray, x: np.ndarray) -> bool:

@@ -7,8 +7,8 @@ Two echoes, or an echo and a reflection, imitate that.
 """
 
 import dataclasses
-import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import stats
@@ -18,7 +18,9 @@ from drfmcw_sim.effects import ActsOn, Effect, Of, Stage
 from drfmcw_sim.effects.motion import slowness
 from drfmcw_sim.measurements import Measurements, Path
 
+from ..compare.algebra import gain_of
 from ..compare.comparison import Comparison
+from ..search.events import LIMITS as EVENTS
 from ..search.fitted import Fitted, Freedom
 from ..search.fitting import Fitting
 from ..search.leftovers import Leftover
@@ -34,19 +36,19 @@ class PathLimits:
     seen: float = 6.0
     """Gain at a distance, below which it is not seen there [1]: amplitude and phase of noise gain 2; chosen."""
 
-    parameter: float = 2.0
+    parameter: float = EVENTS.parameter
     """Gain that each parameter must bring (Akaike 1974)."""
 
-    beaten: float = -6.0
+    beaten: float = EVENTS.beaten
     """Gain of second paths beyond that of one without a name, below which they are in doubt; chosen, as of an event."""
 
     worth: float = 0.5
     """Share of what is left over the sweep that it must explain to be set aside [1]; chosen."""
 
-    chance: float = 1e-6
+    chance: float = EVENTS.chance
     """Chance of such a path, of all that are tried, above which it is not set aside [1]; chosen."""
 
-    clearly: float = 30.0
+    clearly: float = EVENTS.clearly
     """Gain by which it must exceed that of any effect to be set aside [1]; chosen."""
 
     prior: float = 10.0
@@ -124,38 +126,48 @@ def beyond_paths(fitting: Fitting, fitted: Fitted) -> list[float]:
     if not own:
         return found
     c, whitening = fitting.comparison, fitting.whitening
-    others = [e.build() for i, e in enumerate(fitted.effects) if i not in own]
-    template = c.template(others) if others else np.zeros_like(fitted.template)
-    law = _best_law(c, fitting.without_set_aside(c.residual - template))
+    without = _without(fitting, fitted, own)
+    law = _best_law(c, fitting.without_set_aside(c.residual - without))
     if law is None:
         return found
-    spans = np.r_[tuple(fitted.spans[i] for i in own)]
-    slopes, directions = fitting.slopes(fitted), _directions(c, law)
-    beside = Freedom(np.delete(whitening(slopes), spans, axis=0))
-    rest, unexplained = (beside.left(whitening(c.residual - t)) for t in (fitted.template, template))
-    gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * len(spans)
-    instead = _gain(beside.left(whitening(directions)), unexplained) - LIMITS.parameter * law.parameters
+    directions = _directions(c, law)
+    beside, unexplained, gained = _explained(fitting, fitted, own, without, whitening)
+    gain = gained - LIMITS.parameter * sum(len(fitted.effects[i].candidate.free) for i in own)
+    instead = gain_of(beside.left(whitening(directions)), unexplained) - LIMITS.parameter * law.parameters
     with_law = whitening.beside(LIMITS.prior * directions)
     for i in own:
-        if not _needed(fitting, fitted, i, with_law):
+        _, _, needed = _explained(fitting, fitted, [i], _without(fitting, fitted, [i]), with_law)
+        if stats.chi2.sf(max(needed, 0.0), len(fitted.effects[i].candidate.free)) >= LIMITS.chance:
             found[i] = gain - instead
     return found
 
 
+def _without(fitting: Fitting, fitted: Fitted, numbers: Sequence[int]) -> np.ndarray:
+    """Return what an explanation adds without some of its effects (n,)."""
+    others = [e.build() for i, e in enumerate(fitted.effects) if i not in numbers]
+    return fitting.comparison.template(others) if others else np.zeros_like(fitted.template)
+
+
+def _explained(
+    fitting: Fitting, fitted: Fitted, numbers: Sequence[int], without: np.ndarray, whitening: Whitening
+) -> tuple[Freedom, np.ndarray, float]:
+    """Return the freedom of an explanation without some effects, what it leaves then (n,), and what these gain.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation.
+        numbers: of the effects.
+        without: what it adds without them (n,).
+        whitening: of numbers.
+    """
+    residual, spans = fitting.comparison.residual, np.r_[tuple(fitted.spans[i] for i in numbers)]
+    beside = Freedom(np.delete(whitening(fitting.slopes(fitted)), spans, axis=0))
+    rest, unexplained = (beside.left(whitening(residual - t)) for t in (fitted.template, without))
+    return beside, unexplained, float(unexplained @ unexplained - rest @ rest)
+
+
 def _is_second_path(kind: type[Effect]) -> bool:
     return kind.stage is Stage.PATHS and ActsOn.DELAY in kind.acts_on
-
-
-def _needed(fitting: Fitting, fitted: Fitted, number: int, beside_law: Whitening) -> bool:
-    """Return whether an effect explains more than chance beside a path without a name."""
-    c = fitting.comparison
-    others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
-    without = c.template(others) if others else np.zeros_like(fitted.template)
-    beside = Freedom(np.delete(beside_law(fitting.slopes(fitted)), fitted.spans[number], axis=0))
-    rest, unexplained = (beside.left(beside_law(c.residual - t)) for t in (fitted.template, without))
-    gain = float(unexplained @ unexplained - rest @ rest)
-    own = fitted.spans[number]
-    return float(stats.chi2.sf(max(gain, 0.0), own.stop - own.start)) < LIMITS.chance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,22 +210,14 @@ def _found(search: Search, fitted: Fitted | None, as_measured: Whitening) -> _Fo
     beside = Freedom(as_measured(search.slopes(fitted)) if fitted is not None else nothing)
     rest = beside.left(as_measured(residual))
     directions = _directions(c, law)
-    gain = _gain(beside.left(as_measured(directions)), rest)
+    gain = gain_of(beside.left(as_measured(directions)), rest)
     over_sweep = c.entries.where(kind='ramp')
     excess = float(rest[over_sweep] @ rest[over_sweep]) - np.count_nonzero(rest[over_sweep])
     chance = law.tried * float(stats.chi2.sf(gain, law.parameters))
     if gain < LIMITS.worth * excess or chance > LIMITS.chance:
         return None
-    templates = as_measured(search.templates_beside(fitted))
-    power = np.einsum('mj,mj->m', templates, templates)
-    named = float(np.max((templates @ rest) ** 2 / np.maximum(power, 1e-12), initial=0.0))
+    named = search.most_by_one(fitted, as_measured, rest)
     return _Found(directions, gain, chance) if gain > named + LIMITS.clearly else None
-
-
-def _gain(directions: np.ndarray, rest: np.ndarray) -> float:
-    """Return what directions (k, n) of any sizes explain of a rest (n,)."""
-    along = directions @ rest
-    return float(along @ np.linalg.lstsq(directions @ directions.T, along, rcond=1e-9)[0])
 
 
 def _best_law(c: Comparison, residual: np.ndarray) -> _Law | None:
@@ -231,7 +235,7 @@ def _best_law(c: Comparison, residual: np.ndarray) -> _Law | None:
     if best is None:
         return None
     tried = sum(law.tried for law in (still, parts) if law is not None)
-    return dataclasses.replace(best, everywhere=float(phasors.gain().max()), tried=tried)
+    return dataclasses.replace(best, tried=tried)
 
 
 def _still(c: Comparison, phasors: Phasors, seen: np.ndarray) -> _Law | None:
@@ -242,11 +246,7 @@ def _still(c: Comparison, phasors: Phasors, seen: np.ndarray) -> _Law | None:
     cells = np.rint(2.0 * (places[:, None] - distance) / per_cell).astype(int) - 1  # (laws, G)
     inside = (cells >= 0) & (cells < count)
     gains = np.where(inside, seen[np.arange(len(distance)), cells.clip(0, count - 1)], 0.0)
-    law = _best(phasors, gains, cells, 2.0 * places, -2.0)
-    if law is None:
-        return None
-    beyond = 2.0 * (0.5 * law.offset - distance) / per_cell >= count + 1
-    return dataclasses.replace(law, resolved=beyond)
+    return _best(phasors, gains, cells, 2.0 * places, -2.0)
 
 
 def _along_a_part(c: Comparison, phasors: Phasors, seen: np.ndarray) -> _Law | None:
@@ -272,7 +272,7 @@ def _best(phasors: Phasors, gains: np.ndarray, cells: np.ndarray, offsets: np.nd
     Args:
         phasors: how well a second path fits.
         gains: of each law in each group, 0 where it is not seen (laws, G).
-        cells: of its excess length (laws, G).
+        cells: of its excess length (laws, G); beyond those of the phasors it is a line of its own.
         offsets: of this [m] (laws,).
         slope: of this over the distance.
     """
@@ -285,14 +285,9 @@ def _best(phasors: Phasors, gains: np.ndarray, cells: np.ndarray, offsets: np.nd
     sizes = phasors.size_of_each()[np.flatnonzero(seen), cells[best, seen]]
     amplitude = np.full(len(seen), sizes.mean())
     amplitude[seen] = sizes
-    nowhere = np.zeros(len(seen), bool)
-    return _Law(float(offsets[best]), slope, seen, nowhere, amplitude, float(gains[best].sum()), 0.0, tried)
-
-
-@functools.lru_cache(maxsize=32)
-def _of_path(c: Comparison, offset: float, slope: float, phase: float) -> np.ndarray:
-    """Return the template of a path without a name (n,)."""
-    return c.template([Unnamed(offset=offset, slope=slope, phase=phase)])
+    resolved = cells[best] >= len(phasors.frequency)
+    gain, everywhere = float(gains[best].sum()), float(phasors.gain().max())
+    return _Law(float(offsets[best]), slope, seen, resolved, amplitude, gain, everywhere, tried)
 
 
 def _directions(c: Comparison, law: _Law) -> np.ndarray:
@@ -309,6 +304,6 @@ def _directions(c: Comparison, law: _Law) -> np.ndarray:
         if not len(where):
             break
         for phase in (0.0, 0.5 * math.pi):
-            template = _of_path(c, order * law.offset, order * law.slope, phase)
+            template = c.template([Unnamed(offset=order * law.offset, slope=order * law.slope, phase=phase)])
             found.append(np.where(groups == where[:, None], template, 0.0) * sizes[where, None] / LIMITS.small)
     return np.concatenate(found)

@@ -19,6 +19,7 @@ from .limits import SEARCH
 from .starts.bank import Candidate, at_stations, candidates, recipes
 from .starts.scanners import resolution, starting_points
 from .starts.scanning import Rest
+from .whitening import Whitening
 
 
 class Promising(Fitting):
@@ -120,6 +121,19 @@ class Promising(Fitting):
         units = self._units([(c, c.values) for c in found if self._is_other(c, c.values, beside)])
         added = np.array(units, np.float32).reshape(len(units), len(self.comparison.residual))
         return np.concatenate([self.templates[kept], added])
+
+    def most_by_one(self, fitted: Fitted | None, whitening: Whitening, rest: np.ndarray, scanned: bool = True) -> float:
+        """Return the most that one effect more, as it begins, explains of what an explanation leaves.
+
+        Args:
+            fitted: the explanation, None for none.
+            whitening: of numbers.
+            rest: what it leaves, whitened (n,).
+            scanned: count effects too that scanners find.
+        """
+        templates = whitening(self.templates_beside(fitted, scanned))
+        power = np.einsum('mj,mj->m', templates, templates)
+        return float(np.max((templates @ rest) ** 2 / np.maximum(power, 1e-12), initial=0.0))
 
     def give_up(self, effect: FittedEffect) -> None:
         """Do not try an effect again, nor others that add the same."""

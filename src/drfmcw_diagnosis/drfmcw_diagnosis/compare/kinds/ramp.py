@@ -67,7 +67,7 @@ class Ramp(_OfChannels):
         if not explained.recorded.scatters:
             return doubt
         around = explained.std['flutter'] / np.array([len(m) for m in explained.recorded.members])[:, None, None]
-        changing = maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
+        changing = _displaced(explained)
         beyond = around * (1.0 + changing) / explained.std[self.name] ** 2 - 1.0
         by_chance: np.ndarray = np.hypot(doubt, np.sqrt(np.maximum(beyond * (changing > 0.0), 0.0)).ravel())
         return by_chance
@@ -150,7 +150,7 @@ class Flutter(_OfChannels):
         Bursts do so by no known amount where hardly a sweep is free of them.
         """
         freedom = explained.recorded.freedom[:, None, None]
-        ratio = 1.0 + maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
+        ratio = 1.0 + _displaced(explained)
         changing: np.ndarray = gaussian(ratio, freedom) - gaussian(np.ones(1), freedom)
         if explained.bursting:
             changing[[calm.all() or calm.mean() < MODEL.calm for calm in explained.recorded.calm]] = np.inf
@@ -174,6 +174,12 @@ class Flutter(_OfChannels):
         count = len(shown.whitened)
         x = _modulation(shown.recorded, count)
         return Plotted(x, shown.whitened, np.ones(count), shown.template, 'σ', at_distance(shown))
+
+
+def _displaced(explained: Explained) -> np.ndarray:
+    """Return by how much an explanation makes the ramp change (G, 2 S, K), wherever nearby that may be."""
+    changing: np.ndarray = maximum_filter1d(explained.changing(), MODEL.flutter_width, axis=-1)
+    return changing
 
 
 def _over_neighbours(ramps: Sequence[np.ndarray], phases: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
