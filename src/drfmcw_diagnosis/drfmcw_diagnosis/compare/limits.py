@@ -248,6 +248,10 @@ class SimulationLimits:
     prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
     where the line is near a quarter of the sampling rate."""
 
+    mirrored: float = 0.03
+    """Change of the ramp by the line's phase [Np, rad], from which on two sweeps are too few for a mean: the square of
+    what mirror lines leak does not cancel in them; chosen: it is then 2e-4."""
+
     levels: int = 6
     """Strengths of a line at which it is simulated what a distortion takes of it; chosen."""
 

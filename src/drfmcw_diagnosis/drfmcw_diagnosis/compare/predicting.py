@@ -33,6 +33,11 @@ def displaces(effect: Effect | type[Effect]) -> bool:
     return effect.motion is not Motion.NONE or ActsOn.REFERENCE in effect.acts_on
 
 
+def _shows_place(effect: Effect) -> bool:
+    """Return whether what an effect adds shows where the crane is: a bent ramp does by the line's frequency."""
+    return follows_distance(effect) or effect.motion is not Motion.NONE or effect.shapes_chirp
+
+
 @dataclasses.dataclass(frozen=True)
 class Distortion:
     """By how much distortion changes what noisy sweeps show."""
@@ -367,7 +372,7 @@ class Predictor:
         error = reading - part.steady.range
         if displaced:
             error = error - self.recorded.reference_noise[part.groups]
-        if not error.any() or not any(follows_distance(e) or e.motion is not Motion.NONE for e in effects):
+        if not error.any() or not any(map(_shows_place, effects)):
             return part, reading
         steady = part.steady.rows(slice(None))
         move(steady, -error)

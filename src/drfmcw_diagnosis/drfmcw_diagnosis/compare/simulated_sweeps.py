@@ -90,6 +90,9 @@ class SimulatedSweeps:
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
         each, moved = self.copies(part, effects, copies, swaying, not effects, turns, speed)
+        if copies == 2 and _spread_of_ramp(each, copies) > SIMULATION.mirrored:
+            between, _ = self.copies(part, effects, copies, swaying, not effects, turns, speed, begin=turns / 4.0)
+            each, copies = _joined([each, between]), 4
         features = _mean(each, copies)
         if np.any(moved):
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -126,14 +129,16 @@ class SimulatedSweeps:
         harmonic: bool = False,
         turns: float = 0.5,
         speed: np.ndarray | None = None,
+        begin: float = 0.0,
     ) -> tuple[SweepFeatures, np.ndarray]:
         """Return features of sweeps, their phases evenly over so many turns, and the delay that `align` added (G,).
 
+        The first one's phase is `begin` [turns].
         Those of a drive lie all along its way, if its speed is given (G,) [m/s].
         """
         count = len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
-        rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
+        rows.initial_phase[0] += np.repeat(begin + np.arange(copies) * (turns / copies), count)
         # a group's mean is that over its time, in which a crane may swing far
         times = np.stack([self._times(g, copies) for g in part.groups], axis=1)
         if swaying:
@@ -326,6 +331,12 @@ def _joined(each: Sequence[SweepFeatures]) -> SweepFeatures:
     names = [f.name for f in dataclasses.fields(SweepFeatures) if f.name != 'time']
     values = {name: np.concatenate([getattr(features, name) for features in each]) for name in names}
     return dataclasses.replace(each[0], **values)
+
+
+def _spread_of_ramp(features: SweepFeatures, copies: int) -> float:
+    """Return how far the ramps of copies lie apart, at most: by what mirror lines leak into them."""
+    ramp = features.ramp.reshape(copies, -1)
+    return float(np.max(ramp.max(axis=0) - ramp.min(axis=0), initial=0.0))
 
 
 def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:

@@ -9,6 +9,7 @@ from drfmcw_diagnosis.compare.kinds.path import unwrapped
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.starts.bank import Candidate
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import Effect
 
 
@@ -36,6 +37,21 @@ def test_a_reflection_is_sought_where_a_sway_has_the_crane():
     assert found.key == ('ground_reflection', '')
     assert found.values['height_product'] == pytest.approx(ground['height_product'], abs=0.05)
     assert found.values['coefficient'] == pytest.approx(ground['coefficient'], rel=0.05)
+
+
+def test_a_bent_ramp_cannot_tell_an_error_of_the_reference_from_a_delay():
+    """Either changes the line's frequency, by which the ramp bends each block; a part of a turn changes nothing.
+
+    A settling of 220 kHz adds ten million squared standard deviations. The two are alike within one.
+    """
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    settling = Effect.registry['pll_settling'](station='master', step=-2.2e5, natural_frequency=1.5e4, damping=0.61)
+    delay = 0.1532  # [ns]
+    longer = Effect.registry['delay_offset'](delay=delay)
+    nearer = Effect.registry['reference_offset'](offset=-delay * 1e-9 * SPEED_OF_LIGHT)
+    one, other = (comparison.template([settling, effect]) for effect in (longer, nearer))
+    assert float(np.sum((one - other) ** 2)) < 1.0
+    assert float(np.sum(one**2)) > 1e6
 
 
 @pytest.fixture(scope='module')
