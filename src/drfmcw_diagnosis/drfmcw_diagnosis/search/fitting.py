@@ -1,9 +1,10 @@
 """Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
 
+import collections
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -79,6 +80,7 @@ class Fitting:
         self.set_aside = np.zeros((0, len(comparison.residual)))
         self.whitening = Whitening(self.noisier, comparison.common_errors)
         self._place, self._level = _Amid(), _Amid()
+        self._levels: collections.deque[_Amid] = collections.deque([_Amid()], FIT.levels)
 
     @contextlib.contextmanager
     def amid(self, fitted: 'Fitted | None') -> Iterator[None]:
@@ -89,7 +91,7 @@ class Fitting:
         effects = fitted.build() if fitted is not None else []
         before = self._place, self._level
         self._place = self._context(filter(displaces, effects))
-        self._level = self._context(filter(self._changes_level, effects))
+        self._level = self._about_as_loud(self._context(filter(self._changes_level, effects)))
         try:
             yield
         finally:
@@ -104,10 +106,22 @@ class Fitting:
         """Return whether an effect changes the level of lines enough to change what a distortion of them does."""
         if effect.distorts or effect.bursts:
             return False
+        return self._loudest(self.comparison.template([effect])) > FIT.louder
+
+    def _about_as_loud(self, level: _Amid) -> _Amid:
+        """Return one of the newest levels where it is about the same: distortions simulated beside it are kept."""
+        for known in self._levels:
+            if self._loudest(level.template - known.template) < FIT.as_loud:
+                return known
+        self._levels.append(level)
+        return level
+
+    def _loudest(self, template: np.ndarray | float) -> float:
+        """Return the largest change of the lines' level in any group [dB]."""
         rows = self.comparison.entries.where(kind='amplitude')
         std = self.comparison.std['amplitude'].ravel()
-        decibels = self.comparison.template([effect])[rows] * np.where(np.isfinite(std), std, 0.0)
-        return bool(np.max(np.abs(decibels), initial=0.0) > FIT.louder)
+        decibels = np.broadcast_to(template, len(rows))[rows] * np.where(np.isfinite(std), std, 0.0)
+        return float(np.max(np.abs(decibels), initial=0.0))
 
     def _around(self, effects: Sequence[Effect] | Sequence[type[Effect]]) -> '_Amid':
         """Return amid which effects some are simulated."""
@@ -141,10 +155,11 @@ class Fitting:
             freedom: of these others, which may follow to first order; the result's misfit is then that without it.
             linearised: distortions and bursts of an explanation that differs from `start` by some effects; used where
                 these hardly change the lines.
-            exact: the result's template is that of the full model, to which a linearised one must be near.
+            exact: the fit goes on to the end, and the result's template is that of the full model, to which a
+                linearised one must be near.
         """
         if linearised is not None and self._is_near(start, linearised):
-            fitted = self._fit(start, steps, beside, freedom, None, linearised)
+            fitted = self._fit(start, steps, beside, freedom, None, linearised, exact)
             if linearised.holds([e.values for e in fitted.effects if e.candidate.acts]):
                 fitted = dataclasses.replace(fitted, linearised=linearised)
                 if not exact:
@@ -154,7 +169,7 @@ class Fitting:
                     return self._with_template(fitted, template, freedom)
         for _ in range(FIT.rounds):
             around = _undistorted([c.build(values) for c, values in start])
-            fitted = self._fit(start, steps, beside, freedom, around)
+            fitted = self._fit(start, steps, beside, freedom, around, exact=exact)
             if around is None:
                 return fitted
             template = beside + self._template([e.build() for e in fitted.effects])
@@ -183,6 +198,7 @@ class Fitting:
         freedom: 'Freedom | None',
         around: tuple[Effect, ...] | None,
         linearised: Linearised | None = None,
+        exact: bool = False,
     ) -> Fitted:
         """Fit with a distortion that acts on the effects `around`, see `Comparison.template`, or with a known one."""
         left = freedom.left if freedom is not None else _as_it_is
@@ -191,7 +207,7 @@ class Fitting:
         point = np.array([start[i][1][name] for i, name in names], float)
         limits = [self.bounds(chosen[i], name) for i, name in names]
         prior = np.array([chosen[i].prior(name) for i, name in names])
-        y, groups = self.comparison.residual, self.comparison.entries.group
+        y = self.comparison.residual
 
         def template_at(p: np.ndarray) -> np.ndarray:
             values = [dict(v) for _, v in start]
@@ -210,19 +226,13 @@ class Fitting:
             return float(np.sum(left(whitening(y - other)) ** 2))
 
         misfit = misfit_of(template)
-        damping = 1e-3
-        normal = np.eye(len(point))
-        for _ in range(steps):
-            slope = np.empty((len(point), len(y)))
-            sets = self._moved_together(chosen, names)
-            step = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
-            moved = [np.where(np.isin(np.arange(len(point)), together), point + step, point) for together in sets]
-            for together, row, other in zip(sets, moved, self._workers.map(template_at, moved), strict=True):
-                change = other - template
-                for number, k in enumerate(together):
-                    own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
-                    slope[k] = left(whitening(own / (row[k] - point[k])))
-            normal = slope @ slope.T
+        damping, determined, still = 1e-3, 0, False
+        slope, normal = np.empty((len(point), len(y))), np.eye(len(point))
+        while still or determined < steps:
+            if not still:
+                slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names)))
+                normal = slope @ slope.T
+                determined += 1
             gradient = slope @ whitening(y - template)
             improved = False
             for _ in range(6):
@@ -235,12 +245,20 @@ class Fitting:
                     improved = True
                     break
                 damping = max(damping, 1e-6) * 10.0
+                if still:
+                    break
+            if not improved and still:
+                still = False
+                continue
             if not improved:
                 break
+            change = trial - point
+            promised = float(change @ (2.0 * gradient - normal @ change))
             gain, misfit, point, template = misfit - value, value, trial, other
             damping *= 0.2
-            if gain < max(FIT.gained, FIT.gained_share * misfit):
+            if gain < max(FIT.gained if exact else FIT.gained_at_first, FIT.gained_share * misfit):
                 break
+            still = abs(gain - promised) < FIT.as_promised * promised
         covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         fitted, stated = [], _stated(covariance, chosen, names)
@@ -255,6 +273,35 @@ class Fitting:
             misfit = self.misfit(template)
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
         return Fitted(tuple(fitted), misfit, template, evidence)
+
+    def _slopes_at(
+        self,
+        point: np.ndarray,
+        template: np.ndarray,
+        template_at: Callable[[np.ndarray], np.ndarray],
+        chosen: Sequence[Candidate],
+        names: Sequence[tuple[int, str]],
+    ) -> np.ndarray:
+        """Return by how much each parameter changes a template (P, n).
+
+        Args:
+            point: the parameters' values (P,).
+            template: there (n,).
+            template_at: returns it at other values.
+            chosen: the effects.
+            names: number of the effect and name of each parameter.
+        """
+        groups = self.comparison.entries.group
+        slopes = np.empty((len(point), len(template)))
+        sets = self._moved_together(chosen, names)
+        step = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
+        moved = [np.where(np.isin(np.arange(len(point)), together), point + step, point) for together in sets]
+        for together, row, other in zip(sets, moved, self._workers.map(template_at, moved), strict=True):
+            change = other - template
+            for number, k in enumerate(together):
+                own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
+                slopes[k] = own / (row[k] - point[k])
+        return slopes
 
     def linearised(self, fitted: Fitted | None, slopes: np.ndarray) -> Linearised | None:
         """Return the distortions and bursts of an explanation to first order; None where there are none.

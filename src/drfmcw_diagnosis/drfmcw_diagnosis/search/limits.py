@@ -16,8 +16,15 @@ class FitLimits:
     gained: float = 0.1
     """Gain of a step [1] below which a fit ends: the next would gain far less; chosen."""
 
+    gained_at_first: float = 0.5
+    """The same while effects are compared, which differ by far more [1]; chosen."""
+
     gained_share: float = 1e-5
     """The same over the misfit [1], if that is more; chosen."""
+
+    as_promised: float = 0.1
+    """Share by which the gain of a step may differ from what the slopes promise, while these are used again [1];
+    chosen."""
 
     steps: int = 12
     """Steps of Levenberg and Marquardt's method, at most; chosen."""
@@ -43,6 +50,12 @@ class FitLimits:
 
     louder: float = 0.5
     """Change of the lines' level [dB], from which on a distortion is simulated beside it; chosen."""
+
+    as_loud: float = 0.1
+    """Change of that level [dB], below which what was simulated beside it is used again; chosen."""
+
+    levels: int = 8
+    """Such levels that are remembered; chosen."""
 
     certain: float = 2.0
     """Standard deviations that an effect's size must have, and what makes it this effect; chosen."""
