@@ -354,7 +354,8 @@ class Counts:
 FULL = Counts()
 """Of the full proof: what two cores do in some hours."""
 
-_PAIRS_NEVER = frozenset(frozenset(pair) for pair in TWINS.items())
+# a cubic spline of the rate holds a parabola of the frequency
+_PAIRS_NEVER = frozenset(frozenset(pair) for pair in (*TWINS.items(), ('sweep_shape', 'sweep_curvature')))
 
 
 def plans(extent: str = 'full', seed: int = 1, counts: Counts = FULL) -> tuple[Plan, ...]:
