@@ -1,6 +1,7 @@
 """Lines of many sweeps: each has a frequency that all sweeps share or that moves, and an amplitude in each sweep."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -72,8 +73,18 @@ class Solved:
 def waves(s: Sweeps, tracks: Tracks, shaping: Shaping | None = None) -> np.ndarray:
     """Return waves of unit amplitude (n, L, N)."""
     frequency = tracks.at(s.place)
-    turning = np.exp(2j * np.pi * frequency[..., None] * s.time)
+    turning = _turning(frequency, s.time)
     return turning if shaping is None else turning * shaping(frequency)
+
+
+def _turning(frequency: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return exp(2j pi frequency time) (..., N) at evenly spaced times (N,): products of few exponentials."""
+    fine = math.isqrt(len(time)) + 1
+    turns = 2j * np.pi * frequency[..., None]
+    begin, within = np.exp(turns * time[::fine]), np.exp(turns * (time[:fine] - time[0]))
+    whole = begin[..., None] * within[..., None, :]
+    result: np.ndarray = whole.reshape(*frequency.shape, whole.shape[-2] * fine)[..., : len(time)]
+    return result
 
 
 def solve(s: Sweeps, tracks: Tracks, shaping: Shaping | None = None, signal: np.ndarray | None = None) -> Solved:
