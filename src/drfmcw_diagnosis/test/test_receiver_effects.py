@@ -22,13 +22,11 @@ OTHERS = {'receiver_settling': {'level': -55.0}}
     ('effect', 'station', 'parameter', 'true'),
     [
         ('amplitude_slope', 'slave', 'slope', 0.4),
-        ('amplitude_slope', '', 'slope', 0.6),
         ('second_order_distortion', 'slave', 'second_order', 0.5),
         ('ac_coupling', 'slave', 'pole', 30e3),
         ('sweep_rate', 'slave', 'error', 1e-4),
         ('receiver_settling', 'master', 'time_constant', 1.5e-4),
         ('ramp_window', 'master', 'start', 8e-6),
-        ('ramp_window', 'master', 'start', 3.5e-6),
         ('ramp_window', 'master', 'end', 0.96e-3),
     ],
 )

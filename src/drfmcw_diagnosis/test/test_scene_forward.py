@@ -103,7 +103,7 @@ def test_a_ripple_is_found_in_clutter_of_more_lines_than_are_fitted():
     """60 returns, of which 24 are fitted: the lines that are left do not hide it; one seed."""
     generator = np.random.default_rng(2)
     paths = [(path, 100.0 * 10.0 ** generator.uniform(-0.5, 0.3)) for path in generator.uniform(25.0, 120.0, 60)]
-    names, _, _, found = explained(sweeps(5, lambda t: 1e6 * np.sin(2 * np.pi * 120e3 * t), paths=paths, count=24))
+    names, _, _, found = explained(sweeps(5, lambda t: 1e6 * np.sin(2 * np.pi * 120e3 * t), paths=paths, count=18))
     assert names == ['sweep_ripple']
     values = found.fitted.candidates[0].values
     assert abs(values['rate'] / 120e3 - 1.0) < 0.02 and abs(abs(values['deviation']) / 1e6 - 1.0) < 0.1
