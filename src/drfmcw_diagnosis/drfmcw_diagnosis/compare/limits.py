@@ -249,8 +249,8 @@ class SimulationLimits:
     where the line is near a quarter of the sampling rate."""
 
     mirrored: float = 0.03
-    """Change of the ramp by the line's phase [Np, rad], from which on two sweeps are too few for a mean: the square of
-    what mirror lines leak does not cancel in them; chosen: it is then 2e-4."""
+    """Change of the ramp by the line's phase [Np, rad], from which on a mean is that of twice as many sweeps: the
+    square of what mirror lines leak does not cancel in two; chosen: it is then 2e-4."""
 
     levels: int = 6
     """Strengths of a line at which it is simulated what a distortion takes of it; chosen."""

@@ -86,13 +86,15 @@ class SimulatedSweeps:
         received = [e for e in effects if ActsOn.SAMPLES in e.acts_on and e.station in heard]
         added = any(effect.stage <= Stage.FILTER for effect in received)
         speed = self.drive(part, effects)
-        copies = SIMULATION.distorted if distorting or swaying or speed is not None else 4 if added else 2
+        many = distorting or swaying or speed is not None
+        copies = SIMULATION.distorted if many else 4 if added else 2
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
         each, moved = self.copies(part, effects, copies, swaying, not effects, turns, speed)
-        if copies == 2 and _spread_of_ramp(each, copies) > SIMULATION.mirrored:
-            between, _ = self.copies(part, effects, copies, swaying, not effects, turns, speed, begin=turns / 4.0)
-            each, copies = _joined([each, between]), 4
+        if not many and _spread_of_ramp(each, copies) > SIMULATION.mirrored:
+            begin = turns / (2.0 * copies)
+            between, _ = self.copies(part, effects, copies, swaying, not effects, turns, speed, begin)
+            each, copies = _joined([each, between]), 2 * copies
         features = _mean(each, copies)
         if np.any(moved):
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
