@@ -124,7 +124,9 @@ def test_a_bent_ramp_carries_over_to_another_setting():
 def test_effects_added_to_real_samples_come_out():
     """At least nine of ten; one seed."""
     data = read_dataset(REAL / 'presense_awr')
-    trials = [t for t in concealments(data, 1) if t.effect in ('clipping', 'interference_burst', 'iq_imbalance')]
+    wanted = 'clipping', 'interference_burst', 'iq_imbalance'
+    trials = [t for t in concealments(data, 1) if t.effect in wanted][::2]
+    assert {t.effect for t in trials} == set(wanted)
     right = sum(set(effects(examine(t.data, 0.01))) == {t.effect} for t in trials)
     assert right >= 0.9 * len(trials)
     data = read_dataset(REAL / 'awr1243_interferer')
