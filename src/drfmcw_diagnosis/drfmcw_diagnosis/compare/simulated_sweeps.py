@@ -337,8 +337,7 @@ def _joined(each: Sequence[SweepFeatures]) -> SweepFeatures:
 
 def _spread_of_ramp(features: SweepFeatures, copies: int) -> float:
     """Return how far the ramps of copies lie apart, at most: by what mirror lines leak into them."""
-    ramp = features.ramp.reshape(copies, -1)
-    return float(np.max(ramp.max(axis=0) - ramp.min(axis=0), initial=0.0))
+    return float(np.max(np.ptp(features.ramp.reshape(copies, -1), axis=0), initial=0.0))
 
 
 def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:

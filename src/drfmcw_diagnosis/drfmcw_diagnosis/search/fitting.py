@@ -1,10 +1,8 @@
 """Parameters of effects fitted to one comparison: Levenberg and Marquardt's method on the full forward model."""
 
-import collections
-import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -17,10 +15,10 @@ from ..compare.comparison import Comparison
 from ..compare.kinds.explained import Explained
 from ..compare.limits import MODEL
 from ..compare.over_sweep import fadings
-from ..compare.predicting import displaces, follows_distance
 from .fitted import Fitted, FittedEffect, Freedom, Linearised, cells_of, rows_of_series
 from .limits import FIT
 from .starts.bank import Candidate
+from .templates import Templates
 from .whitening import Whitening
 
 
@@ -54,15 +52,7 @@ def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
     return tuple(e for e in effects if not (e.distorts or e.bursts)) or None
 
 
-@dataclasses.dataclass(frozen=True)
-class _Amid:
-    """Effects amid which single ones are simulated, with their template (n,)."""
-
-    effects: tuple[Effect, ...] = ()
-    template: np.ndarray | float = 0.0
-
-
-class Fitting:
+class Fitting(Templates):
     """Fits the parameters of effects to one comparison."""
 
     def __init__(self, comparison: Comparison, jobs: int = 1) -> None:
@@ -72,70 +62,13 @@ class Fitting:
             comparison: recording and model.
             jobs: processes that simulate at once.
         """
-        self.comparison = comparison
+        super().__init__(comparison)
         self._workers = Workers(jobs)
         self._slopes: tuple[tuple, np.ndarray] = ((), np.zeros((0, len(comparison.residual))))  # the newest ones
         self.noisier = np.ones(len(comparison.residual))  # weights below 1 where something unknown is taken for noise
         # what has no name, over the numbers' standard deviations and times its prior (k, n)
         self.set_aside = np.zeros((0, len(comparison.residual)))
         self.whitening = Whitening(self.noisier, comparison.common_errors)
-        self._place, self._level = _Amid(), _Amid()
-        self._levels: collections.deque[_Amid] = collections.deque([_Amid()], FIT.levels)
-
-    @contextlib.contextmanager
-    def amid(self, fitted: 'Fitted | None') -> Iterator[None]:
-        """Simulate single effects as amid an explanation: reflections where it has the crane, distortions of its lines.
-
-        The model without effects has the crane where the reference has it, and lines as strong as the link makes them.
-        """
-        effects = fitted.build() if fitted is not None else []
-        before = self._place, self._level
-        self._place = self._context(filter(displaces, effects))
-        self._level = self._about_as_loud(self._context(filter(self._changes_level, effects)))
-        try:
-            yield
-        finally:
-            self._place, self._level = before
-
-    def _context(self, effects: Iterable[Effect]) -> '_Amid':
-        """Return effects with their template."""
-        found = tuple(effects)
-        return _Amid(found, self.comparison.template(found)) if found else _Amid()
-
-    def _changes_level(self, effect: Effect) -> bool:
-        """Return whether an effect changes the level of lines enough to change what a distortion of them does."""
-        if effect.distorts or effect.bursts:
-            return False
-        return self._loudest(self.comparison.template([effect])) > FIT.louder
-
-    def _about_as_loud(self, level: _Amid) -> _Amid:
-        """Return one of the newest levels where it is about the same: distortions simulated beside it are kept."""
-        for known in self._levels:
-            if self._loudest(level.template - known.template) < FIT.as_loud:
-                return known
-        self._levels.append(level)
-        return level
-
-    def _loudest(self, template: np.ndarray | float) -> float:
-        """Return the largest change of the lines' level in any group [dB]."""
-        rows = self.comparison.entries.where(kind='amplitude')
-        std = self.comparison.std['amplitude'].ravel()
-        decibels = np.broadcast_to(template, len(rows))[rows] * np.where(np.isfinite(std), std, 0.0)
-        return float(np.max(np.abs(decibels), initial=0.0))
-
-    def _around(self, effects: Sequence[Effect] | Sequence[type[Effect]]) -> '_Amid':
-        """Return amid which effects some are simulated."""
-        if effects and all(map(follows_distance, effects)):
-            return self._place
-        if effects and all(effect.distorts for effect in effects):
-            return self._level
-        return _Amid()
-
-    def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
-        amid = self._around(effects)
-        if amid.effects:
-            return self.comparison.template((*amid.effects, *effects), around) - amid.template
-        return self.comparison.template(effects, around)
 
     def fit(
         self,
@@ -227,7 +160,7 @@ class Fitting:
 
         misfit = misfit_of(template)
         damping, determined, still = 1e-3, 0, False
-        slope, normal = np.empty((len(point), len(y))), np.eye(len(point))
+        normal = np.eye(len(point))
         while still or determined < steps:
             if not still:
                 slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names)))
@@ -235,7 +168,7 @@ class Fitting:
                 determined += 1
             gradient = slope @ whitening(y - template)
             improved = False
-            for _ in range(6):
+            for _ in range(1 if still else 6):
                 matrix = normal + damping * np.diag(np.diag(normal) + 1e-30) + np.diag(1e-12 / prior**2)
                 trial = point + scaled_inverse(matrix) @ gradient
                 trial = np.clip(trial, [low for low, _ in limits], [high for _, high in limits])
@@ -245,13 +178,11 @@ class Fitting:
                     improved = True
                     break
                 damping = max(damping, 1e-6) * 10.0
-                if still:
-                    break
-            if not improved and still:
+            if not improved and not still:
+                break
+            if not improved:  # the slopes are those of an earlier point
                 still = False
                 continue
-            if not improved:
-                break
             change = trial - point
             promised = float(change @ (2.0 * gradient - normal @ change))
             gain, misfit, point, template = misfit - value, value, trial, other

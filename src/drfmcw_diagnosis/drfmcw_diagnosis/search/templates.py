@@ -1,0 +1,93 @@
+"""Templates: what effects add to one comparison, single ones as amid an explanation.
+
+In: effects. Out: what they add to the model, over the standard deviations of the data. A reflection follows the true
+distance, and a distortion acts on the lines, so both are simulated where an explanation has the crane and as loud as it
+has the lines.
+"""
+
+import collections
+import contextlib
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from drfmcw_sim.effects import Effect
+
+from ..compare.comparison import Comparison
+from ..compare.predicting import displaces, follows_distance
+from .fitted import Fitted
+from .limits import FIT
+
+
+@dataclasses.dataclass(frozen=True)
+class _Amid:
+    """Effects amid which single ones are simulated, with their template (n,)."""
+
+    effects: tuple[Effect, ...] = ()
+    template: np.ndarray | float = 0.0
+
+
+class Templates:
+    """Simulates what effects add to one comparison."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        """Remember recording and model; nothing stands around single effects yet."""
+        self.comparison = comparison
+        self._place, self._level = _Amid(), _Amid()
+        self._levels: collections.deque[_Amid] = collections.deque([_Amid()], FIT.levels)
+
+    @contextlib.contextmanager
+    def amid(self, fitted: Fitted | None) -> Iterator[None]:
+        """Simulate single effects as amid an explanation: reflections where it has the crane, distortions of its lines.
+
+        The model without effects has the crane where the reference has it, and lines as strong as the link makes them.
+        """
+        effects = fitted.build() if fitted is not None else []
+        before = self._place, self._level
+        self._place = self._context(filter(displaces, effects))
+        self._level = self._about_as_loud(self._context(filter(self._changes_level, effects)))
+        try:
+            yield
+        finally:
+            self._place, self._level = before
+
+    def _context(self, effects: Iterable[Effect]) -> _Amid:
+        """Return effects with their template."""
+        found = tuple(effects)
+        return _Amid(found, self.comparison.template(found)) if found else _Amid()
+
+    def _changes_level(self, effect: Effect) -> bool:
+        """Return whether an effect changes the level of lines enough to change what a distortion of them does."""
+        if effect.distorts or effect.bursts:
+            return False
+        return self._loudest(self.comparison.template([effect])) > FIT.louder
+
+    def _about_as_loud(self, level: _Amid) -> _Amid:
+        """Return one of the newest levels where it is about the same: distortions simulated beside it are kept."""
+        for known in self._levels:
+            if self._loudest(level.template - known.template) < FIT.as_loud:
+                return known
+        self._levels.append(level)
+        return level
+
+    def _loudest(self, template: np.ndarray | float) -> float:
+        """Return the largest change of the lines' level in any group [dB]."""
+        rows = self.comparison.entries.where(kind='amplitude')
+        std = self.comparison.std['amplitude'].ravel()
+        decibels = np.broadcast_to(template, len(rows))[rows] * np.where(np.isfinite(std), std, 0.0)
+        return float(np.max(np.abs(decibels), initial=0.0))
+
+    def _around(self, effects: Sequence[Effect] | Sequence[type[Effect]]) -> _Amid:
+        """Return amid which effects some are simulated."""
+        if effects and all(map(follows_distance, effects)):
+            return self._place
+        if effects and all(effect.distorts for effect in effects):
+            return self._level
+        return _Amid()
+
+    def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
+        amid = self._around(effects)
+        if amid.effects:
+            return self.comparison.template((*amid.effects, *effects), around) - amid.template
+        return self.comparison.template(effects, around)
