@@ -284,6 +284,9 @@ class SimulationLimits:
     """Phases at which an effect of random phase is simulated [turns]; derived: the fewest in which sines and their
     squares have the mean and the variance of all phases."""
 
+    nodes: int = 9
+    """Points of the quadrature over the noise of a sample; derived: exact for powers up to the 17th."""
+
     undistorted: int = 32
     """Explanations whose noisy sweeps without distortion are kept; chosen."""
 

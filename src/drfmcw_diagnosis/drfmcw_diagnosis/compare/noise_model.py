@@ -126,6 +126,24 @@ class NoiseModel:
         loss: np.ndarray = coherent_loss(sum(variances, np.zeros(len(part.groups))))[:, None]
         return loss
 
+    def additive_std(self, part: Part, state: Measurements, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the standard deviation of each sample by additive noise, of I and Q apart (G, S) [LSB].
+
+        Args:
+            part: groups of one setting.
+            state: their conditions after effects.
+            effects: of which filters pass noise by its frequency.
+        """
+        frequency = np.linspace(0.0, state.stations[0].sweep.sample_rate / 2, self._bins)
+        found = []
+        for i in self._topology.heard:
+            station = state.stations[i]
+            passed = np.ones(1)
+            if not station.noise_behind:
+                passed = np.mean(np.abs(self._filter(station, state, effects)(frequency)) ** 2, keepdims=True)
+            found.append(station.noise_std() * np.sqrt(passed))
+        return np.stack(found, axis=1)
+
     def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
         """Return to what the noise in bands is trusted (G, S, N) [dB]: less where a skirt rules.
 

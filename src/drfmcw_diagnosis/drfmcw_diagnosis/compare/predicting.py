@@ -212,7 +212,7 @@ class Predictor:
         """
         self.recorded, self.std = recorded, std
         self.noise = NoiseModel(recorded, np.isfinite(std['coherence']).any(axis=1))
-        self.simulated = SimulatedSweeps(recorded, self.noise.loss)
+        self.simulated = SimulatedSweeps(recorded, self.noise.loss, self.noise.additive_std)
         # what there is without any effect, by the first group of a part
         self._plain: dict[int, Expected] = {}
         self._undistorted: dict[tuple[int, tuple[Effect, ...]], tuple[np.ndarray, ...]] = {}

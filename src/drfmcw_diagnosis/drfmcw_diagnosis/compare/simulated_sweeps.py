@@ -1,4 +1,8 @@
-"""Sweeps that the simulator makes as the recorded ones are: free of noise, or with their jitter and among noise."""
+"""Sweeps that the simulator makes as the recorded ones are: free of noise, or with their jitter and among noise.
+
+A limiter holds a sample that noise carries beyond the limit, and noise has a mean behind an even characteristic. So
+sweeps free of noise have, where effects distort, the mean over the noise of each sample.
+"""
 
 import dataclasses
 import functools
@@ -17,20 +21,24 @@ from .groups import Part, acted, align, move
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
 
-_UNSEEN = ActsOn.NOISE | ActsOn.REFERENCE  # in sweeps free of noise
+_UNSEEN = ActsOn.NOISE | ActsOn.REFERENCE  # in sweeps free of noise and of distortion
+_Loss = Callable[[Part, Measurements], np.ndarray]
+_NoiseStd = Callable[[Part, Measurements, Sequence[Effect]], np.ndarray]
 
 
 class SimulatedSweeps:
     """Features of simulated sweeps under the conditions of a recording's groups, S stations with samples."""
 
-    def __init__(self, recorded: RecordedSweeps, loss: Callable[[Part, Measurements], np.ndarray]) -> None:
+    def __init__(self, recorded: RecordedSweeps, loss: _Loss, noise_std: _NoiseStd) -> None:
         """Remember what simulated sweeps have of others.
 
         Args:
             recorded: sweeps whose jitter simulated ones have.
             loss: returns what phase noise takes of the lines of a part's groups, under conditions (G, S) [dB].
+            noise_std: returns the standard deviation of the additive noise of each sample under conditions after
+                effects, of I and Q apart (G, S) [LSB].
         """
-        self._recorded, self._loss = recorded, loss
+        self._recorded, self._loss, self._noise_std = recorded, loss, noise_std
 
     def mean(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group; harmonics only where an effect makes some.
@@ -272,7 +280,10 @@ class SimulatedSweeps:
         shape: bool = True,
     ) -> SweepFeatures:
         """Return features of simulated sweeps, only those that are wanted; `copies` as for `synthesise`."""
-        samples = synthesise(rows, 0, effects, noise, False, copies)
+        if noise or not any(effect.distorts for effect in effects):
+            samples = synthesise(rows, 0, effects, noise, False, copies)
+        else:
+            samples = self._mean_samples(part, rows, effects, copies)
         heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
         full_scale = rows.stations[self._recorded.heard[0]].full_scale
         found = part.extract(heard, full_scale, rows.refractive_index, harmonic, quiet, noisy=False, shape=shape)
@@ -280,6 +291,29 @@ class SimulatedSweeps:
             return found
         group = np.resize(part.groups, len(rows))
         return dataclasses.replace(found, ramp=self._recorded.without_uneven(found.ramp, group))
+
+    def _mean_samples(
+        self, part: Part, rows: Measurements, effects: Sequence[Effect], copies: int
+    ) -> tuple[np.ndarray, ...]:
+        """Return samples that effects distort, each the mean over its noise, by quadrature; as `synthesise`."""
+        distorting = sorted((e for e in effects if e.distorts), key=lambda e: e.stage)
+        undistorted = synthesise(rows, 0, [e for e in effects if not e.distorts], False, False, copies)
+        std = self._noise_std(part, acted(part, effects), effects)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(SIMULATION.nodes)
+        found = list(undistorted)
+        for station, heard in enumerate(self._recorded.heard):
+            own = [effect for effect in distorting if effect.applies_to(rows.stations[heard].name)]
+            if not own:
+                continue
+            clean = undistorted[heard]
+            away = np.resize(std[:, station], len(rows)).astype(np.float32).reshape(-1, *(1,) * (clean.ndim - 1))
+            found[heard] = np.zeros_like(clean)
+            for node, weight in zip(nodes, weights / weights.sum(), strict=True):
+                samples = clean + np.float32(node) * away
+                for effect in own:
+                    effect.receive(samples, rows.stations[heard], rows, list)
+                found[heard] += np.float32(weight) * samples
+        return tuple(found)
 
     def _times(self, group: int, count: int) -> np.ndarray:
         """Return times spread over a group's sweeps, from their mean [s] (count,)."""
@@ -324,8 +358,10 @@ def _likeliest(tried: np.ndarray, reached: np.ndarray, wanted: np.ndarray, budge
 
 
 def _seen(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the effects that show in sweeps free of noise."""
-    return tuple(e for e in effects if e.acts_on & ~_UNSEEN)
+    """Return the effects that show in sweeps free of noise, whose mean that is where others distort."""
+    distorting = any(effect.distorts for effect in effects)
+    unseen = ActsOn.REFERENCE if distorting else _UNSEEN
+    return tuple(e for e in effects if e.acts_on & ~unseen)
 
 
 def _joined(each: Sequence[SweepFeatures]) -> SweepFeatures:

@@ -113,6 +113,24 @@ def test_samples_at_a_limit_follow_the_strength_of_each_sweep(depth, tmp_path):
     assert abs(found - expected) < 5.0 * comparison.std['piled'][0, 1] + 0.05 * found
 
 
+def test_noise_passes_a_distortion_with_the_line(tmp_path):
+    """Noise blurs a limit, which takes 0.1 dB more of a line of about its height, and an even curve gives noise a mean.
+
+    Level and mean are those of 60 sweeps to 5 standard deviations of their scatter. The recording is fixed.
+    """
+    standing = {'standing': {'distances': [260.0, 300.0, 340.0], 'sweeps': 60}}
+    free = Comparison(read_dataset(record(scene(standing), tmp_path / 'free')))
+    level = float(free.measured.amplitude[0, 1]) - 20.0 * math.log10(free.data.full_scale[1].max())
+    effects = {'clipping': {'level': level - 2.0}, 'second_order_distortion': {'second_order': -20.0}}
+    entries = [{'effect': name, 'station': 'slave', **values} for name, values in effects.items()]
+    comparison = Comparison(read_dataset(record(scene(standing, effects=entries), tmp_path / 'r')))
+    predicted = comparison.predict(tuple(Effect.registry[name](station='slave', **v) for name, v in effects.items()))
+    for kind in ('amplitude', 'mean'):
+        found, expected = (getattr(x, kind)[:, 1].ravel() for x in (comparison.measured, predicted))
+        scatter = [getattr(s, kind)[:, 1].std() / math.sqrt(60.0) for s in comparison.sweeps]
+        assert np.all(np.abs(found - expected) < 5.0 * np.array(scatter))
+
+
 def test_a_modulation_shows_beside_bursts_in_sweeps_without_one(tmp_path):
     """It changes the ramp from sweep to sweep at its own rate; noise alone does so by as much once in a million."""
     bursts = {'probability': 0.25, 'level': -40.0, 'duration': 5e-5}
