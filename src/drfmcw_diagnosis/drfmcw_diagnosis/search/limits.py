@@ -54,8 +54,11 @@ class FitLimits:
     as_loud: float = 0.1
     """Change of that level [dB], below which what was simulated beside it is used again; chosen."""
 
+    as_distorted: float = 0.01
+    """The same of other distortions: squared change of what they add over its square [1]; chosen."""
+
     levels: int = 8
-    """Such levels that are remembered; chosen."""
+    """Such levels, and other distortions, that are remembered; chosen."""
 
     certain: float = 2.0
     """Standard deviations that an effect's size must have, and what makes it this effect; chosen."""

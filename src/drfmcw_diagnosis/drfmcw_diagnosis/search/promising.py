@@ -154,10 +154,11 @@ class Promising(Fitting):
             candidate, values = missing[key]
             return self._template([candidate.build(values)]).astype(np.float32)
 
-        keys = [
-            (c.effect, c.station, tuple(sorted(values.items())), tuple(map(repr, self._around([c.kind]).effects)))
-            for c, values in wanted
-        ]
+        def named(c: Candidate, values: dict[str, float]) -> tuple:
+            around = self._around([c.build(values)]).effects
+            return c.effect, c.station, tuple(sorted(values.items())), tuple(map(repr, around))
+
+        keys = [named(c, values) for c, values in wanted]
         missing = {key: w for key, w in zip(keys, wanted, strict=True) if key not in self._kept}
         found = {key: self._kept[key] for key in keys if key in self._kept}
         found |= zip(missing, self._workers.map(simulated, list(missing)), strict=True)

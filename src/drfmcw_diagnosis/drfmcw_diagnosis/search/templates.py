@@ -1,8 +1,8 @@
 """Templates: what effects add to one comparison, single ones as amid an explanation.
 
 In: effects. Out: what they add to the model, over the standard deviations of the data. A reflection follows the true
-distance, and a distortion acts on the lines, so both are simulated where an explanation has the crane and as loud as it
-has the lines.
+distance, and a distortion acts on the lines, so both are simulated where an explanation has the crane, as loud as it
+has the lines, and beside its distortions of the same receiver.
 """
 
 import collections
@@ -18,6 +18,11 @@ from ..compare.comparison import Comparison
 from ..compare.predicting import displaces, follows_distance
 from .fitted import Fitted
 from .limits import FIT
+
+
+def _meet(one: Effect, other: Effect) -> bool:
+    """Return whether two effects act at a common station."""
+    return not (one.station and other.station) or one.station == other.station
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,21 +41,25 @@ class Templates:
         self.comparison = comparison
         self._place, self._level = _Amid(), _Amid()
         self._levels: collections.deque[_Amid] = collections.deque([_Amid()], FIT.levels)
+        self._distorting: tuple[Effect, ...] = ()
+        self._distorted: collections.deque[_Amid] = collections.deque(maxlen=FIT.levels)
 
     @contextlib.contextmanager
     def amid(self, fitted: Fitted | None) -> Iterator[None]:
         """Simulate single effects as amid an explanation: reflections where it has the crane, distortions of its lines.
 
-        The model without effects has the crane where the reference has it, and lines as strong as the link makes them.
+        The model without effects has the crane where the reference has it, lines as strong as the link makes them, and
+        receivers that do not distort.
         """
         effects = fitted.build() if fitted is not None else []
-        before = self._place, self._level
+        before = self._place, self._level, self._distorting
         self._place = self._context(filter(displaces, effects))
         self._level = self._about_as_loud(self._context(filter(self._changes_level, effects)))
+        self._distorting = tuple(effect for effect in effects if effect.distorts)
         try:
             yield
         finally:
-            self._place, self._level = before
+            self._place, self._level, self._distorting = before
 
     def _context(self, effects: Iterable[Effect]) -> _Amid:
         """Return effects with their template."""
@@ -78,13 +87,34 @@ class Templates:
         decibels = np.broadcast_to(template, len(rows))[rows] * np.where(np.isfinite(std), std, 0.0)
         return float(np.max(np.abs(decibels), initial=0.0))
 
-    def _around(self, effects: Sequence[Effect] | Sequence[type[Effect]]) -> _Amid:
+    def _around(self, effects: Sequence[Effect]) -> _Amid:
         """Return amid which effects some are simulated."""
         if effects and all(map(follows_distance, effects)):
             return self._place
         if effects and all(effect.distorts for effect in effects):
-            return self._level
+            others = [other for other in self._distorting if any(_meet(other, effect) for effect in effects)]
+            known = {(type(effect), effect.station) for effect in effects}
+            kept = [other for other in others if (type(other), other.station) not in known]
+            return self._beside(kept) if kept else self._level
         return _Amid()
+
+    def _beside(self, distortions: Sequence[Effect]) -> _Amid:
+        """Return distortions of the lines as loud as an explanation has them, or about the same ones simulated before.
+
+        What another distortion adds beside them hardly changes while they hardly do.
+        """
+        effects = *self._level.effects, *distortions
+        for known in self._distorted:
+            if known.effects == effects:
+                return known
+        found = self._context(effects)
+        most = FIT.as_distorted * float(np.sum((found.template - self._level.template) ** 2))
+        for known in self._distorted:
+            alike = [(type(e), e.station) for e in known.effects] == [(type(e), e.station) for e in effects]
+            if alike and float(np.sum((found.template - known.template) ** 2)) < most:
+                return known
+        self._distorted.append(found)
+        return found
 
     def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
         amid = self._around(effects)

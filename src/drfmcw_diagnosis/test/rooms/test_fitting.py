@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from checkout import DATA
+from scenes import record, scene
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
@@ -66,6 +67,20 @@ def test_a_distortion_is_sought_at_the_level_that_a_filter_leaves():
     found = search.best_addition(known)[0].effects[-1]
     assert found.key == ('second_order_distortion', 'slave')
     assert found.values['second_order'] == pytest.approx(-8.0, rel=0.1)
+
+
+def test_a_limit_is_sought_where_another_distortion_carries_samples_beyond_it(tmp_path):
+    """Noise alone does not reach the limit from the line, but from crests that an even characteristic lowers."""
+    limiter = {'effect': 'clipping', 'station': 'slave', 'level': -34.5}
+    curved = {'effect': 'second_order_distortion', 'station': 'slave', 'second_order': -20.0}
+    standing = {'standing': {'distances': [140.0, 170.0, 200.0], 'sweeps': 40}}
+    comparison = Comparison(read_dataset(record(scene(standing, effects=[limiter, curved]), tmp_path / 'r')))
+    search = Search(comparison)
+    known = search.fit([start('second_order_distortion', 'slave', second_order=-20.0)])
+    search.trust(known)
+    found = search.best_addition(known)[0].effects[-1]
+    assert found.key == ('clipping', 'slave')
+    assert found.values['level'] == pytest.approx(-34.5, abs=0.1)
 
 
 def test_what_mirror_lines_bring_by_chance_counts_as_noise():
