@@ -79,7 +79,7 @@ class StandingLimits:
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
     faint: float = 1e-4  # gain over what is set aside of the same numbers explains, at least [1]
     repeated: float = 0.3  # share of what an effect adds to the noise that repeats in each sweep, at most [1]
-    determined: float = 1e-6  # least share of the information on a parameter that other parts must have [1]
+    determined: float = 0.01  # least share of the information on a parameter that other parts must have [1]
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
     alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
     cancelled: float = 4.0  # power of an effect over that of the sum with all that may cancel it, at most [1]
@@ -363,14 +363,14 @@ def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least
     Parameters that one part alone determines stay as they are without it: of which other parts have less than a share
     of the information (P,).
     """
-    normal = slopes @ slopes.T
+    normal, pull = slopes @ slopes.T, slopes @ rest  # a fit ends where the pull is nearly zero, not quite
     changes = np.zeros((parts.max() + 1, len(slopes)))
     for part in range(parts.max() + 1):
         inside = slopes[:, parts == part]
         left = normal - inside @ inside.T
         kept = np.diag(left) > least * np.diag(normal)
         inverse = scaled_inverse(left[np.ix_(kept, kept)])
-        changes[part, kept] = -inverse @ (inside[kept] @ rest[parts == part])
+        changes[part, kept] = inverse @ (pull - inside @ rest[parts == part])[kept]
     return changes
 
 

@@ -83,6 +83,26 @@ def test_a_true_effect_stands_and_what_imitates_another_does_not(data):
     assert not standing.stands
 
 
+@pytest.mark.parametrize('level', [-25.0, -25.1])
+@pytest.mark.parametrize('seed', range(3))
+def test_what_one_distance_alone_shows_spoils_no_prediction(data, level, seed):
+    """A limit that the lines of one distance alone reach says nothing of a clock that all distances show.
+
+    Both have 20 standard deviations or more, so noise makes them miss a tenth of what they predict at most; three in a
+    hundred of the limit's information are from other numbers than the pile, which may miss more. The seeds are fixed.
+    """
+    comparison = Comparison(data)
+    limiter = Effect.registry['clipping'](level=level, station='master')
+    fitting = concealed(comparison, limiter, Effect.registry['reference_clock_offset'](deviation=0.05, station='slave'))
+    comparison.residual = comparison.residual + np.random.default_rng(seed).normal(size=len(comparison.residual))
+    starts = [('clipping', 'master', {'level': level}), ('reference_clock_offset', 'slave', {'deviation': 0.05})]
+    found = fitting.fit([(Candidate(e, s, Effect.registry[e].recipes[0], values), values) for e, s, values in starts])
+    fitting.trust(found)
+    of_limiter, of_clock = standings(fitting, fitting.fit(found.start))
+    assert of_clock.stands and of_clock.predicted == pytest.approx(1.0, abs=0.1)
+    assert of_limiter.stands and of_limiter.predicted == pytest.approx(1.0, abs=0.3)
+
+
 @pytest.mark.parametrize(
     ('effect', 'parameters'),
     [
