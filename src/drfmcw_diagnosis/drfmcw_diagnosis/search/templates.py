@@ -20,9 +20,8 @@ from .fitted import Fitted
 from .limits import FIT
 
 
-def _meet(one: Effect, other: Effect) -> bool:
-    """Return whether two effects act at a common station."""
-    return not (one.station and other.station) or one.station == other.station
+def _key(effect: Effect) -> tuple[type[Effect], str]:
+    return type(effect), effect.station
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Templates:
         self._place, self._level = _Amid(), _Amid()
         self._levels: collections.deque[_Amid] = collections.deque([_Amid()], FIT.levels)
         self._distorting: tuple[Effect, ...] = ()
-        self._distorted: collections.deque[_Amid] = collections.deque(maxlen=FIT.levels)
+        self._distorted: dict[tuple[Effect, ...], _Amid] = {}  # what stands for lines and distortions
 
     @contextlib.contextmanager
     def amid(self, fitted: Fitted | None) -> Iterator[None]:
@@ -92,10 +91,13 @@ class Templates:
         if effects and all(map(follows_distance, effects)):
             return self._place
         if effects and all(effect.distorts for effect in effects):
-            others = [other for other in self._distorting if any(_meet(other, effect) for effect in effects)]
-            known = {(type(effect), effect.station) for effect in effects}
-            kept = [other for other in others if (type(other), other.station) not in known]
-            return self._beside(kept) if kept else self._level
+            known = set(map(_key, effects))
+            others = [
+                other
+                for other in self._distorting
+                if _key(other) not in known and any(not e.station or other.applies_to(e.station) for e in effects)
+            ]
+            return self._beside(others) if others else self._level
         return _Amid()
 
     def _beside(self, distortions: Sequence[Effect]) -> _Amid:
@@ -104,17 +106,19 @@ class Templates:
         What another distortion adds beside them hardly changes while they hardly do.
         """
         effects = *self._level.effects, *distortions
-        for known in self._distorted:
-            if known.effects == effects:
-                return known
-        found = self._context(effects)
-        most = FIT.as_distorted * float(np.sum((found.template - self._level.template) ** 2))
-        for known in self._distorted:
-            alike = [(type(e), e.station) for e in known.effects] == [(type(e), e.station) for e in effects]
-            if alike and float(np.sum((found.template - known.template) ** 2)) < most:
-                return known
-        self._distorted.append(found)
-        return found
+        if effects not in self._distorted:
+            found = self._context(effects)
+            most = FIT.as_distorted * float(np.sum((found.template - self._level.template) ** 2))
+            about_the_same = (
+                known
+                for known in self._distorted.values()
+                if list(map(_key, known.effects)) == list(map(_key, effects))
+                and float(np.sum((found.template - known.template) ** 2)) < most
+            )
+            self._distorted[effects] = next(about_the_same, found)
+            while len(self._distorted) > FIT.levels:
+                del self._distorted[next(iter(self._distorted))]
+        return self._distorted[effects]
 
     def _template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
         amid = self._around(effects)
