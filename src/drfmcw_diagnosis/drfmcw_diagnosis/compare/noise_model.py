@@ -138,10 +138,8 @@ class NoiseModel:
         found = []
         for i in self._topology.heard:
             station = state.stations[i]
-            passed = np.ones(1)
-            if not station.noise_behind:
-                passed = np.mean(np.abs(self._filter(station, state, effects)(frequency)) ** 2, keepdims=True)
-            found.append(station.noise_std() * np.sqrt(passed))
+            passed = np.abs(self._filter(station, state, effects)(frequency)) ** 2
+            found.append(np.sqrt(_thermal(station, passed.mean(keepdims=True))))
         return np.stack(found, axis=1)
 
     def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
@@ -217,10 +215,15 @@ class NoiseModel:
             station: n sweeps of it.
             passed: share of the noise ahead of them that filters leave (n, ...), or (1, ...) where all are alike.
         """
-        if station.noise_behind:
-            passed = np.ones_like(passed)
-        before = (station.noise_std() ** 2 * passed.T).T
-        return (before + QUANTISATION) * float(self._topology.parts)
+        return (_thermal(station, passed) + QUANTISATION) * float(self._topology.parts)
+
+
+def _thermal(station: Station, passed: np.ndarray) -> np.ndarray:
+    """Return the variance of a sample by additive noise, of I and Q apart (n, ...) [LSB^2]; arguments as `_floor`."""
+    if station.noise_behind:
+        passed = np.ones_like(passed)
+    variance: np.ndarray = (station.noise_std() ** 2 * passed.T).T
+    return variance
 
 
 def _median(values: np.ndarray) -> np.ndarray:

@@ -358,7 +358,7 @@ def _likeliest(tried: np.ndarray, reached: np.ndarray, wanted: np.ndarray, budge
 
 
 def _seen(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the effects that show in sweeps free of noise, whose mean that is where others distort."""
+    """Return the effects that show in sweeps free of noise; one of the noise does where others distort it."""
     distorting = any(effect.distorts for effect in effects)
     unseen = ActsOn.REFERENCE if distorting else _UNSEEN
     return tuple(e for e in effects if e.acts_on & ~unseen)
