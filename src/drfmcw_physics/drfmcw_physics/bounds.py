@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import dct
-from scipy.integrate import trapezoid
 from scipy.linalg import solve_toeplitz
-from scipy.signal import get_window
 from scipy.special import i0e
 
 from .phase_noise import PhaseNoise, combination_gain
 from .quantities import Quantity
+from .windows import symmetric_window
 
 _POINTS = 2048  # of the window grid, about the samples of a sweep
 _OVERSAMPLING = 8  # of the transfer function's frequency grid
@@ -28,7 +27,7 @@ _OVERSAMPLING = 8  # of the transfer function's frequency grid
 @functools.cache
 def _slope_weights(window: str) -> np.ndarray:
     """Return the slope weights g on a grid x in (-1/2, 1/2) of window durations, sum g x = 1."""
-    w = get_window(window, 2 * _POINTS + 1, fftbins=False)[1::2]
+    w = symmetric_window(window, 2 * _POINTS + 1)[1::2]
     x = (np.arange(_POINTS) + 0.5) / _POINTS - 0.5
     g = w * x
     return g / np.sum(g * x)
@@ -111,7 +110,8 @@ def outlier_probability(snr: float, bins: int) -> float:
     power = np.linspace(0.0, (np.sqrt(snr) + 8.0) ** 2, 20001)  # of the line's bin over the noise's
     density = np.exp(-((np.sqrt(power) - np.sqrt(snr)) ** 2)) * i0e(2.0 * np.sqrt(snr * power))
     missed = -np.expm1((bins - 1) * np.log1p(-np.exp(-power[1:])))
-    return float(trapezoid(density * np.concatenate([[1.0], missed]), power))
+    wrong = density * np.concatenate([[1.0], missed])
+    return float(np.sum(wrong[1:] + wrong[:-1]) * power[1] / 2.0)  # by trapezoids
 
 
 @dataclasses.dataclass(frozen=True)

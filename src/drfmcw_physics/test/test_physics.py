@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import constants as codata
+from scipy.signal import get_window
 
-from drfmcw_physics import air, bounds, link_budget
+from drfmcw_physics import air, bounds, constants, link_budget
 from drfmcw_physics.bounds import (
     LineNoise,
     additive_std,
@@ -23,6 +25,7 @@ from drfmcw_physics.phase_noise import PhaseNoise, around_line, combination_gain
 from drfmcw_physics.rules.history import History
 from drfmcw_physics.rules.mode import ModeSettings, choose_mode
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
+from drfmcw_physics.windows import WINDOWS, symmetric_window
 
 NOISE = PhaseNoise(-90.0, 200e3)
 FLOOR_A, FLOOR_B = -97.7, -80.6  # dBm in the whole IF band
@@ -41,6 +44,18 @@ def test_received_power_of_table_1(distance, power):
 
 def test_noise_density_at_0_db_is_minus_174_dbm_per_hz():
     assert link_budget.noise_density(0.0) == pytest.approx(-173.98, abs=0.01)
+
+
+def test_constants_are_those_of_the_si():
+    assert constants.SPEED_OF_LIGHT == codata.speed_of_light
+    assert constants.BOLTZMANN == codata.Boltzmann
+    assert constants.ZERO_CELSIUS == codata.zero_Celsius
+
+
+@pytest.mark.parametrize('name', WINDOWS)
+def test_windows_are_those_of_their_names(name):
+    for count in (2, 5, 64, 1001):
+        np.testing.assert_allclose(symmetric_window(name, count), get_window(name, count, fftbins=False), atol=1e-15)
 
 
 def test_rectangular_window_reaches_the_cramer_rao_bound_and_hann_costs_1_53():

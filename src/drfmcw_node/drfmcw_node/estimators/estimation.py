@@ -22,14 +22,12 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError, parameter
 from drfmcw_physics.sweep import SweepSettings, beat_frequency, residual_chirp
+from drfmcw_physics.windows import WINDOWS
 
 from .damage import clipped, has_burst
 from .noise import NoiseMeter, oscillators
 from .spectral import parabola_vertex, window_samples
 from .straightness import contradiction
-
-WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
-"""scipy.signal.get_window names that can be chosen."""
 
 ESTIMATORS: dict[str, type['Estimator']] = {}
 """Estimators by the name that `EstimatorSettings.estimator` selects; each registers itself."""

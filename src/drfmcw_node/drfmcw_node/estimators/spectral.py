@@ -8,7 +8,8 @@ import functools
 import math
 
 import numpy as np
-from scipy.signal import get_window
+
+from drfmcw_physics.windows import symmetric_window
 
 _GRID = 1 << 16  # linear interpolation of a window on it is exact to 1e-9
 _BLOCKS = 16  # of a sweep in the chirp-z transform
@@ -29,7 +30,7 @@ def window_samples(name: str, start: float, end: float, sample_rate: float, coun
     Returns:
         Array (count,); zero outside the window.
     """
-    shape = get_window(name, _GRID + 1, fftbins=False)
+    shape = symmetric_window(name, _GRID + 1)
     t = np.arange(count) / sample_rate
     w = np.interp((t - start) / (end - start) * _GRID, np.arange(_GRID + 1), shape, left=0.0, right=0.0)
     w.setflags(write=False)

@@ -9,10 +9,8 @@ import math
 from typing import Any
 
 from ..constants import ZERO_CELSIUS
+from ..windows import WINDOWS
 from .schedule import LARGEST_PRIORITY, LARGEST_RATE
-
-WINDOWS = ('', 'hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
-"""scipy.signal.get_window names that a beat frequency's window can have; '' is unknown."""
 
 _LONGEST_NAME = 100  # of stations and frames
 _LARGEST_STAMP = 253_402_300_800  # the year 9999 [s]
@@ -175,8 +173,8 @@ def _calibration(message: Any) -> str:
 
 
 def _beat(message: Any) -> str:
-    if message.window not in WINDOWS:
-        return f'window = {printable(message.window)} is none of {", ".join(WINDOWS[1:])}'
+    if message.window and message.window not in WINDOWS:  # '' is unknown
+        return f'window = {printable(message.window)} is none of {", ".join(WINDOWS)}'
     if not math.isfinite(message.frequency):
         return ''
     if not (math.isfinite(message.frequency_std) and message.frequency_std > 0.0):
