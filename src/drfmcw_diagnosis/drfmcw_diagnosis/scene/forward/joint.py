@@ -29,7 +29,7 @@ class Fitted:
 
 def simulated(s: Scene, candidates: Sequence[Candidate]) -> Simulated:
     """Return the effects with their values."""
-    return Simulated(s.material, s.first, len(s.held), [c.build() for c in candidates])
+    return Simulated(s.simulated_lines, [c.build() for c in candidates])
 
 
 def modelled(sweeps: Sweeps, tracks: Tracks, acting: Simulated) -> tuple[Solved, np.ndarray]:

@@ -73,6 +73,9 @@ class ForwardLimits:
     apart: float = 0.05
     """Resolution cells over which the change of what effects do is taken; chosen."""
 
+    straight: int = 8
+    """Sets of lines whose waves without effects are kept; chosen: a fit and its derivatives need two at once."""
+
     fixed_points: int = 3
     """Rounds in which lines in front of a receiver that is not linear are found; chosen."""
 

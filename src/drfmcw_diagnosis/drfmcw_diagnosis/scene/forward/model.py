@@ -1,6 +1,7 @@
 """Lines of a scene fitted to some of its samples and tried on the others."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 
@@ -11,6 +12,7 @@ from ..material import Material
 from ..noise import Noise, noise
 from .limits import FORWARD
 from .misfit import Misfit, of_blocks, of_sweeps
+from .simulated import Lines
 from .tracks import Solved, Sweeps, Tracks, lines, slopes, solve
 
 
@@ -30,6 +32,11 @@ class Scene:
     def by_sweeps(self) -> bool:
         """Whole sweeps are held out."""
         return not self.held.any()
+
+    @functools.cached_property
+    def simulated_lines(self) -> Lines:
+        """Its lines as the simulator makes them."""
+        return Lines(self.material, self.first, len(self.held))
 
 
 @dataclasses.dataclass(frozen=True)

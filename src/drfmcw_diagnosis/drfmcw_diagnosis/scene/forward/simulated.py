@@ -13,63 +13,45 @@ from ..material import Material
 from .limits import FORWARD
 
 
-class Simulated:
-    """Effects on a scene's lines, each of which is a path of the delay that its frequency has on a straight ramp."""
+class Lines:
+    """Lines of a scene, each of which is a path of the delay that its frequency has on a straight ramp.
 
-    def __init__(self, m: Material, first: int, count: int, effects: Sequence[Effect] = ()) -> None:
-        """Remember the radar, the samples (`first` and `count`) that are described, and effects."""
+    Attributes:
+        radar: the sweeps of the scene.
+        span: the samples of a sweep that are described.
+    """
+
+    def __init__(self, m: Material, first: int, count: int) -> None:
+        """Remember the radar and the samples (`first` and `count`) that are described."""
         self.radar = m
         self.span = slice(first, first + count)
-        self.effects = tuple(effects)
-        samples = ActsOn.SAMPLES
-        self.shaping = [e for e in self.effects if samples not in e.acts_on]
-        self.receiving = sorted((e for e in self.effects if samples in e.acts_on), key=lambda e: e.stage)
         self.rate = m.bandwidth / m.duration  # of the ramp [Hz/s]
+        self._straight: dict[bytes, np.ndarray] = {}  # the newest ones without effects
 
-    def factors(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the factors (n, L, N) that effects put to waves of lines at frequencies (n, L) [1 / sample].
-
-        What they do to a line's phase is linear in its delay over the little that a track moves.
-        """
-        count = self.span.stop - self.span.start
-        if not self.shaping or not frequency.shape[1]:
-            return np.ones((*frequency.shape, count))
-        middle = np.mean(frequency, axis=0)
-        at = self._factor(middle)
-        if np.ptp(frequency, axis=0).max() * count < FORWARD.still_there:
-            return np.broadcast_to(at, (*frequency.shape, count))
-        apart = FORWARD.apart / count
-        turned = np.angle(self._factor(middle + apart) * at.conj()) / apart
-        return at * np.exp(1j * turned * (frequency - middle)[..., None])
-
-    def _factor(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the factors (L, N) of lines at frequencies (L,) [1 / sample]: simulated with effects over without."""
+    def shaped(self, frequency: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
+        """Return the factors (L, N) that effects put to lines at frequencies (L,) [1 / sample], by simulation."""
         hertz = frequency * self.radar.rate
         delay = np.abs(hertz / self.rate)
-        with_them, without = (
-            synthesise(self._measurements(delay), 0, effects, noise=False, quantised=False)[0][:, self.span]
-            for effects in (self.shaping, ())
-        )
-        over, under = (x[..., 0].astype(float) + 1j * x[..., 1] for x in (with_them, without))
+        over, under = self._simulated(delay, effects), self._without_effects(delay)
         ratio = np.where(np.abs(under) > 0.0, over / np.where(np.abs(under) > 0.0, under, 1.0), 1.0)
         return np.where((hertz * self.rate < 0.0)[:, None], ratio.conj(), ratio)
 
-    def received(self, signal: np.ndarray) -> np.ndarray:
-        """Return what the receiver's effects make of the sum of all lines (n, N) [LSB]."""
-        if not self.receiving:
-            return signal
-        count = len(signal)
-        whole = np.zeros((count, self.span.stop), signal.dtype)
-        whole[:, self.span] = signal
-        m = self._measurements(np.zeros(count), self.radar.iq)
-        heard = np.stack([whole.real, whole.imag], axis=-1) if self.radar.iq else whole
-        heard = heard.astype(np.float32)
-        for effect in self.receiving:
-            effect.receive(heard, m.stations[0], m, _nothing_random)
-        result = heard[:, self.span].astype(float)
-        return result[..., 0] + 1j * result[..., 1] if self.radar.iq else result
+    def _without_effects(self, delay: np.ndarray) -> np.ndarray:
+        """Return waves without effects (L, N): the same for all effects that are tried on them."""
+        key = delay.tobytes()
+        if key not in self._straight:
+            while len(self._straight) >= FORWARD.straight:
+                del self._straight[next(iter(self._straight))]
+            self._straight[key] = self._simulated(delay, ())
+        return self._straight[key]
 
-    def _measurements(self, delay: np.ndarray, iq: bool = True) -> Measurements:
+    def _simulated(self, delay: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
+        """Return waves (L, N) that come with delays (L,) [s]."""
+        m = self.measurements(delay)
+        heard = synthesise(m, 0, effects, noise=False, quantised=False)[0][:, self.span]
+        return heard[..., 0].astype(float) + 1j * heard[..., 1]
+
+    def measurements(self, delay: np.ndarray, iq: bool = True) -> Measurements:
         """Return one measurement per delay (n,) [s], over one path of half of full scale."""
         m, count = self.radar, len(delay)
         zeros, ones = np.zeros(count), np.ones(count)
@@ -106,6 +88,53 @@ class Simulated:
             np.zeros((1, count)),
             [path],
         )
+
+
+class Simulated:
+    """What effects do to the lines of a scene, and to the samples that the receiver makes of them."""
+
+    def __init__(self, lines: Lines, effects: Sequence[Effect] = ()) -> None:
+        """Remember the lines and the effects."""
+        self.lines = lines
+        samples = ActsOn.SAMPLES
+        self.shaping = [e for e in effects if samples not in e.acts_on]
+        self.receiving = sorted((e for e in effects if samples in e.acts_on), key=lambda e: e.stage)
+
+    def factors(self, frequency: np.ndarray) -> np.ndarray:
+        """Return the factors (n, L, N) that effects put to waves of lines at frequencies (n, L) [1 / sample].
+
+        What they do to a line's phase is linear in its delay over the little that a track moves.
+        """
+        count = self.lines.span.stop - self.lines.span.start
+        if not self.shaping or not frequency.shape[1]:
+            return np.ones((*frequency.shape, count))
+        middle = np.mean(frequency, axis=0)
+        if np.ptp(frequency, axis=0).max() * count < FORWARD.still_there:
+            return np.broadcast_to(self.lines.shaped(middle, self.shaping), (*frequency.shape, count))
+        apart = FORWARD.apart / count
+        at, beside = np.split(self.lines.shaped(np.concatenate([middle, middle + apart]), self.shaping), 2)
+        turned = np.angle(beside * at.conj()) / apart
+        turn = turned * (frequency - middle)[..., None]
+        factors = np.empty(turn.shape, complex)
+        np.cos(turn, out=factors.real)
+        np.sin(turn, out=factors.imag)
+        factors *= at
+        return factors
+
+    def received(self, signal: np.ndarray) -> np.ndarray:
+        """Return what the receiver's effects make of the sum of all lines (n, N) [LSB]."""
+        if not self.receiving:
+            return signal
+        count, radar, span = len(signal), self.lines.radar, self.lines.span
+        whole = np.zeros((count, span.stop), signal.dtype)
+        whole[:, span] = signal
+        m = self.lines.measurements(np.zeros(count), radar.iq)
+        heard = np.stack([whole.real, whole.imag], axis=-1) if radar.iq else whole
+        heard = heard.astype(np.float32)
+        for effect in self.receiving:
+            effect.receive(heard, m.stations[0], m, _nothing_random)
+        result = heard[:, span].astype(float)
+        return result[..., 0] + 1j * result[..., 1] if radar.iq else result
 
 
 def _nothing_random() -> list[np.random.Generator]:

@@ -80,8 +80,8 @@ def scaled(kind: type[Effect], name: str, value: float, duration: float) -> floa
 
 def later(s: Scene, candidate: Candidate) -> np.ndarray:
     """Return by how much an effect on the ramp makes the time of all lines later (N,) [samples]."""
-    simulated = Simulated(s.material, s.first, len(s.held), [candidate.build()])
-    sign = np.sign(simulated.rate)
+    simulated = Simulated(s.simulated_lines, [candidate.build()])
+    sign = np.sign(s.simulated_lines.rate)
     reference = WARPS.reference * (sign if s.material.iq else 1.0)
     factor = simulated.factors(np.full((1, 1), reference))[0, 0]
     return np.unwrap(np.angle(factor)) / (2.0 * np.pi * reference)
