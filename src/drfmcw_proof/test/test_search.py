@@ -315,7 +315,7 @@ def test_steep_noise_near_the_line_is_no_modulation(tmp_path, shape, effects, ve
 
     The recordings are fixed, so nothing is by chance. Of which station the modulation is remains open.
     """
-    condition = both_stations(random_condition(np.random.default_rng(47), Extent(6, 12)), shape=shape)
+    condition = both_stations(random_condition(np.random.default_rng(47), Extent(3, 12)), shape=shape)
     write_recording(conceal(nominal(condition), effects), tmp_path / 'r')
     others = set(Effect.registry) - {'frequency_modulation', 'phase_noise'}
     search = Search(Comparison(read_dataset(tmp_path / 'r')), without=others)
