@@ -143,7 +143,7 @@ def _range_error(cls: type[Effect]) -> str:
     said = []
     for nominal, changed in zip(_nominal(), _simulated(example_of(cls)), strict=True):
         sweep = nominal.measurements.stations[0].sweep
-        per_frequency = SPEED_OF_LIGHT / nominal.measurements.refractive_index / (2.0 * sweep.chirp_rate)
+        per_frequency = SPEED_OF_LIGHT / np.asarray(nominal.measurements.refractive_index) / (2.0 * sweep.chirp_rate)
         shifts, ratios = zip(*map(_line_change, nominal.signals, changed.signals), strict=True)
         error = 1e3 * (sum(shifts) * per_frequency - changed.reference + nominal.reference)
         levels = [20.0 * np.log10(np.mean(ratio)) for ratio in ratios]

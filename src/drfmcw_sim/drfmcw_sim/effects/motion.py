@@ -9,7 +9,7 @@ from ..measurements import Measurements
 
 def slowness(m: Measurements) -> np.ndarray:
     """Return the delay per length of air [n] [s/m]."""
-    return m.refractive_index / SPEED_OF_LIGHT
+    return np.asarray(m.refractive_index) / SPEED_OF_LIGHT
 
 
 def move(
