@@ -3,8 +3,10 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.special import exp1
 
 from drfmcw_node.estimators.noise import QUANTISATION
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
 from drfmcw_physics.phase_noise import PhaseNoise, around_line, coherent_loss, combination_gain, variance_within
 from drfmcw_sim.effects import Effect, Stage
 from drfmcw_sim.measurements import Measurements, Station
@@ -141,6 +143,30 @@ class NoiseModel:
             passed = np.abs(self._filter(station, state, effects)(frequency)) ** 2
             found.append(np.sqrt(_thermal(station, passed.mean(keepdims=True))))
         return np.stack(found, axis=1)
+
+    def rise(
+        self, part: Part, state: Measurements, effects: Sequence[Effect], level: np.ndarray, line: np.ndarray
+    ) -> np.ndarray:
+        """Return by how much additive noise raises the level that lines show (G, S) [dB].
+
+        The level is the mean of the log amplitudes of a sweep's blocks. Of a line of power P in noise of power N it is
+        ln sqrt(P) + E1(P / N) / 2 in the mean, for the amplitude has Rice's distribution.
+
+        Args:
+            part: groups of one setting.
+            state: their conditions after effects.
+            effects: of which filters pass noise by its frequency.
+            level: of lines without noise (G, S) [dB of 1 LSB].
+            line: their frequencies (G, S) [Hz].
+        """
+        floors = []
+        for i, at in zip(self._topology.heard, line.T, strict=True):
+            station = state.stations[i]
+            passed = np.abs(self._filter(station, state, effects)(at)) ** 2
+            floors.append(self._floor(station, passed))
+        power = part.extract.estimator.block * 10.0 ** (level / 10.0) * self._topology.line_share
+        rise: np.ndarray = DECIBELS_PER_NEPER * exp1(power / np.stack(floors, axis=1)) / 2.0
+        return rise
 
     def limit(self, part: Part, noise: np.ndarray) -> np.ndarray:
         """Return to what the noise in bands is trusted (G, S, N) [dB]: less where a skirt rules.

@@ -145,8 +145,10 @@ class Expected:
 
     @functools.cached_property
     def amplitude(self) -> np.ndarray:
-        """Power of each line, of which phase noise takes a part (G, S) [dB of 1 LSB]."""
-        return self.features.amplitude - self.model.noise.loss(self.part, self._state)
+        """Power that each line shows (G, S) [dB of 1 LSB]: phase noise takes a part, additive noise adds some."""
+        noise = self.model.noise
+        level = self.features.amplitude - noise.loss(self.part, self._state)
+        return level + noise.rise(self.part, self._state, self.effects, level, self.features.line)
 
     @functools.cached_property
     def added(self) -> np.ndarray:

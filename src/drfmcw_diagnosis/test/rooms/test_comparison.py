@@ -161,6 +161,19 @@ def test_distances_at_which_the_line_drowns_are_left_out(tmp_path):
     assert abs(named.parameters['loss'].value - 38.0) < 4.0 * named.parameters['loss'].std
 
 
+def test_noise_raises_the_level_that_a_weak_line_shows(tmp_path):
+    """By 1 dB, 7 standard deviations, at 400 m: levels are means of log amplitudes. Both agree to 4, one seed."""
+    concealed = {'effect': 'noise_floor', 'station': 'slave', 'excess': 24.0}
+    standing = {'distances': [120.0, 200.0, 300.0, 400.0], 'sweeps': 48}
+    path = record(scene({'standing': standing}, effects=[concealed], reference={'range_std': 0.005}), tmp_path / 'r')
+    comparison = Comparison(read_dataset(path))
+    noisy = Effect.registry['noise_floor'](station='slave', excess=24.0)
+    rise = (comparison.predict([noisy]).amplitude - comparison.plain.amplitude) / comparison.std['amplitude']
+    assert abs(rise[0, 1]) < 0.1 and rise[3, 1] > 7.0
+    rest = comparison.residual - comparison.template([noisy])
+    assert np.abs(rest[comparison.entries.where(kind='amplitude')]).max() < 4.0
+
+
 def test_distances_at_which_a_spur_passes_for_the_line_are_left_out(tmp_path):
     """There the range is hundreds of metres off, at any distance that is compared less than a decimetre."""
     spur = {'effect': 'spur', 'station': 'slave', 'frequency': 561e3, 'level': -47.5}
