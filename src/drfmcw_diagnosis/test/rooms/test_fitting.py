@@ -61,7 +61,8 @@ def test_a_distortion_is_sought_at_the_level_that_a_filter_leaves():
         Effect.registry['second_order_distortion'](station='slave', second_order=-8.0),
     ]
     comparison.residual = comparison.template(true)
-    search = Search(comparison)
+    tried = {'if_filter', 'second_order_distortion', 'compression', 'spur'}
+    search = Search(comparison, without=set(Effect.registry) - tried)
     known = search.fit([start('if_filter', 'slave', pole=3e4)], 0)
     search.trust(known)
     found = search.best_addition(known)[0].effects[-1]
@@ -75,7 +76,8 @@ def test_a_limit_is_sought_where_another_distortion_carries_samples_beyond_it(tm
     curved = {'effect': 'second_order_distortion', 'station': 'slave', 'second_order': -20.0}
     standing = {'standing': {'distances': [140.0, 170.0, 200.0], 'sweeps': 40}}
     comparison = Comparison(read_dataset(record(scene(standing, effects=[limiter, curved]), tmp_path / 'r')))
-    search = Search(comparison)
+    distortions = {'second_order_distortion', 'compression', 'clipping', 'spur'}
+    search = Search(comparison, without=set(Effect.registry) - distortions)
     known = search.fit([start('second_order_distortion', 'slave', second_order=-20.0)])
     search.trust(known)
     found = search.best_addition(known)[0].effects[-1]
