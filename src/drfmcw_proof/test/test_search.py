@@ -251,7 +251,7 @@ def test_a_loss_is_no_reflection_of_no_height(tmp_path):
         Applied('delay_offset', None, {'delay': 0.08}),
         Applied('sample_clock_offset', 'slave', {'deviation': -90.0}),
     )
-    comparison = compared(tmp_path / 'r', 36, *effects, settings=14)
+    comparison = compared(tmp_path / 'r', 36, *effects, settings=8)
     others = set(Effect.registry) - OF_THE_RANGE - {'amplitude_loss', 'ground_reflection', 'air_refractivity'}
     found = searched(Search(comparison, without=others), 0.01).explanation
     names = {e.key for e in found.effects}
@@ -322,6 +322,47 @@ def test_steep_noise_near_the_line_is_no_modulation(tmp_path, shape, effects, ve
     judgement = judged(search, searched(search, 0.01), 0.01)
     assert judgement.verdict == verdict
     assert {e.key[0] for e in (judgement.explanation.effects if judgement.explanation else ())} == named
+
+
+BENDING = {'sweep_shape', 'sweep_curvature', 'sweep_ripple', 'sweep_rate'}
+
+
+def bent(path, *effects, among=BENDING):
+    """What is said of a recording, of which effects that bend the ramp are tried. It is fixed, so nothing is by chance.
+
+    Returns:
+        verdict, effects, and those of all explanations.
+    """
+    search = Search(compared(path, 62, *effects), without=set(Effect.registry) - among)
+    judgement = judged(search, searched(search, 0.01), 0.01)
+    listed = [judgement.explanation, *judgement.alternatives]
+    return judgement.verdict, judgement.explanation.keys, [f.keys for f in listed]
+
+
+def test_a_strong_curvature_is_no_spline_that_looks_like_one(tmp_path):
+    """Of splines as strong as it is, fewer than one in a million are parabolas to within the noise."""
+    verdict, named, _ = bent(tmp_path / 'r', Applied('sweep_curvature', 'master', {'deviation': 300.0}))
+    assert verdict == 'explained' and named == (('sweep_curvature', 'master'),)
+
+
+def test_a_spline_that_looks_like_a_curvature_is_listed_at_either_station(tmp_path):
+    """Of 15 sigma; both stations hear the difference of their ramps."""
+    shape = {'relative_rate': (1.000001, 1.0, 1.0000005, 0.9999992, 0.9999994)}
+    verdict, _, listed = bent(tmp_path / 'r', Applied('sweep_shape', 'slave', shape))
+    assert verdict == 'ambiguous'
+    assert {keys for keys in listed if 'sweep_shape' in dict(keys)} == {
+        (('sweep_shape', station),) for station in ('master', 'slave')
+    }
+    assert len(set(listed)) == len(listed)
+
+
+def test_a_spline_is_named_beside_an_error_of_the_reference_without_a_name(tmp_path):
+    """A rail that bends by 0.8 m hides how well it fits until it is set aside."""
+    shape = {'relative_rate': tuple(1.0 + 1e-6 * x for x in (-4.0, 3.8, -4.4, -5.3, 9.8))}
+    rail = Applied('rail_bend', None, {'height': -0.76, 'length': 870.0})
+    among = {'sweep_shape', 'sweep_curvature', 'air_refractivity'}
+    _, named, _ = bent(tmp_path / 'r', Applied('sweep_shape', 'slave', shape), rail, among=among)
+    assert [effect for effect, _ in named] == ['sweep_shape']
 
 
 def test_twins_promise_the_same(tmp_path):

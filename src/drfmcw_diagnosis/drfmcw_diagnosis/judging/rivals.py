@@ -12,7 +12,7 @@ from ..search.starts.bank import Candidate
 
 
 def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[Fitted]:
-    """Return the explanations that fit nearly as well as one, best first.
+    """Return the explanations that fit nearly as well as one, best first; each set of effects once.
 
     Several effects can be exchanged at once: if neither of two oscillators can be separated from that of the other
     station, four explanations are one answer.
@@ -25,10 +25,8 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
 
     def is_near(other: Fitted) -> bool:
         # one effect in the place of several has more freedom than each of them, and needs no excuse for it
-        simpler = len(other.effects) < len(fitted.effects) or any(
-            e.candidate.recipe.coefficients for e in other.effects
-        )
-        likely = simpler or other.evidence > fitted.evidence - RIVALS.worse
+        excused = len(other.effects) < len(fitted.effects) or _may_resemble(other, fitted)
+        likely = excused or other.evidence > fitted.evidence - RIVALS.worse
         alike = other.misfit - fitted.misfit < SEARCH.rival and likely
         # what fits as well by the noise elsewhere explains something else, but nobody knows which if it fits better
         return alike and (other.misfit <= fitted.misfit or search.apart(other, fitted) < RIVALS.says_the_same)
@@ -36,7 +34,23 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
     single = [other for other in exchanged if other.keys != fitted.keys and is_near(other)]
     several = search.fits(_combined(fitted, single), fitted)
     near = [other for other in several if other.certain and is_near(other)]
-    return sorted([*single, *near], key=lambda other: -other.evidence)
+    best: dict[tuple, Fitted] = {}  # of the same effects with other parameters
+    for other in sorted([*single, *near], key=lambda other: -other.evidence):
+        best.setdefault(other.keys, other)
+    return list(best.values())
+
+
+def _may_resemble(other: Fitted, fitted: Fitted) -> bool:
+    """Return whether an effect of many coefficients may by chance look like the effect in whose place it stands.
+
+    As strong as that, it has a part beyond the noise in each further coefficient, unless chance makes it small.
+    """
+    if not any(e.candidate.recipe.coefficients for e in other.effects):
+        return False
+    further = sum(map(len, other.free)) - sum(map(len, fitted.free))
+    replaced = [e for e in fitted.effects if e.key not in other.keys and e.size_std > 0.0]
+    strength = max((abs(e.values[e.candidate.recipe.size]) / e.size_std for e in replaced), default=1.0)
+    return bool(max(strength, 1.0) ** -further > RIVALS.resembling)
 
 
 def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:

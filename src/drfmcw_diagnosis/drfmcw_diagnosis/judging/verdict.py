@@ -10,7 +10,7 @@ from ..search.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SELECTION
 from ..search.search import Search
-from ..search.selection import Found, forward, pruned
+from ..search.selection import Found, better_bent, forward, pruned
 from . import curves, paths, standing, steadiness
 from .rivals import rivals, widened
 from .standing import standings
@@ -69,7 +69,7 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
         if current is None:
             left = _significant(search, None, false_alarm_rate)
             return Judgement('unexplained', None, [], [], significance, left)
-        exchanged = search.exchanges(current)
+        exchanged = [*search.exchanges(current), *search.unified(current, 1)]
         current = widened(current, exchanged)
         alternatives = [f for f in rivals(search, current, exchanged) if all(s.stands for s in standings(search, f))]
         left = _significant(search, current, false_alarm_rate)
@@ -112,7 +112,7 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     current: Fitted | None = found
     dropped: frozenset[tuple[str, str]] = frozenset()
     for _ in range(LIMITS.rounds):
-        current = _standing(search, current)
+        current = _bent(search, _standing(search, current), false_alarm_rate)
         dropped |= search.doubted
         before = current.keys if current is not None else ()
         search.count_as_noise(current, _without_name(search, current), search.templates_beside(current))
@@ -126,6 +126,24 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     stands = {effect for effect, _ in current.keys} if current is not None else set()
     search.doubted |= {(effect, station) for effect, station in dropped if effect not in stands}
     return current
+
+
+def _bent(search: Search, current: Fitted | None, false_alarm_rate: float) -> Fitted | None:
+    """Return an explanation with one bent ramp in the place of effects that imitate it, if it stands and fits better.
+
+    What something unknown brought beside them may have hidden it.
+    """
+    if current is None:
+        return None
+    other = better_bent(search, current, search.unified(current, 1), false_alarm_rate)
+    if other is None:
+        return current
+    search.trust(other)
+    other = search.again(other)
+    if all(one.stands for one in standings(search, other)):
+        return other
+    search.trust(current)
+    return search.again(current)
 
 
 def _without_name(search: Search, fitted: Fitted | None) -> np.ndarray:

@@ -191,7 +191,6 @@ class Fitting(Templates):
                 break
             still = abs(gain - promised) < FIT.as_promised * promised
         covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
-        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         fitted, stated = [], _stated(covariance, chosen, names)
         for number, candidate in enumerate(chosen):
             mine = [k for k, (i, _) in enumerate(names) if i == number]
@@ -199,7 +198,7 @@ class Fitting(Templates):
             curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
             size_std = 1.0 / math.sqrt(max(*curvature, FIT.flat)) if curvature else 0.0
             fitted.append(FittedEffect(candidate, values, {names[k][1]: float(stated[k]) for k in mine}, {}, size_std))
-        occam = float(np.sum(np.log1p((prior / np.maximum(std, 1e-12)) ** 2))) / 2.0
+        occam = float(np.sum(np.log1p((prior / np.maximum(stated, 1e-12)) ** 2))) / 2.0
         if freedom is None:
             misfit = self.misfit(template)
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam

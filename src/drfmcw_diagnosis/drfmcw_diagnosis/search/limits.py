@@ -212,6 +212,9 @@ class RivalLimits:
     worse: float = 8.0
     """Log evidence by which a rival may be behind: one that only imitates with more freedom is none; chosen."""
 
+    resembling: float = 1e-6
+    """Chance that an effect of many coefficients resembles a simple one, below which it is no rival of it; chosen."""
+
     substitutes: int = 3
     """Of one effect, of which several are exchanged at once; chosen."""
 

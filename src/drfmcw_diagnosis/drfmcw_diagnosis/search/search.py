@@ -313,7 +313,7 @@ class Search(Promising):
     def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
         """Return explanations with one effect of many coefficients for those that shape a chirp, best first.
 
-        It takes the place of all, of one station's, or of all but one.
+        It takes the place of all, of its own station's, of all but one, or of one of the other station.
 
         Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects.
 
@@ -327,7 +327,8 @@ class Search(Promising):
         tried: dict[tuple, list[Candidate]] = {}
         for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
             own = [i for i in shaping if fitted.effects[i].key[1] == candidate.station]
-            for replaced in {tuple(own), tuple(shaping), *all_but_one}:
+            single = [(i,) for i in shaping if i not in own]
+            for replaced in {tuple(own), tuple(shaping), *all_but_one, *single}:
                 if len(replaced) >= fewest:
                     tried.setdefault((*candidate.key, replaced), []).append(candidate)
 

@@ -38,7 +38,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         search.trust(current)
         current = search.again(current)
         united = search.unified(current, 1)
-        bent = _better(search, current, united, false_alarm_rate)
+        bent = better_bent(search, current, united, false_alarm_rate)
         if bent is not None:
             united = [current]
             current = _grown(search, bent, rounds, false_alarm_rate)
@@ -75,7 +75,7 @@ def _grown(search: Search, begun: Fitted, rounds: list[list[Fitted]], false_alar
     return search.again(found)
 
 
-def _better(search: Search, current: Fitted, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
+def better_bent(search: Search, current: Fitted, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
     """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
     A ramp whose rate changes over the band resembles several small errors of a straight one. In the place of one effect
