@@ -356,6 +356,15 @@ def test_a_spline_that_looks_like_a_curvature_is_listed_at_either_station(tmp_pa
     assert len(set(listed)) == len(listed)
 
 
+def test_a_spline_that_nothing_resembles_is_found_beside_an_effect(tmp_path):
+    """Beside its curvature, which no simple effect of the ramp takes up; at either station, as above."""
+    shape = {'relative_rate': tuple(1.0 + 4e-6 * x for x in (0.0, -1.0, 0.0, 1.0, 0.0))}
+    clock = Applied('reference_clock_offset', 'master', {'deviation': 3.0})
+    among = {'sweep_shape', 'reference_clock_offset'}
+    _, named, _ = bent(tmp_path / 'r', Applied('sweep_shape', 'slave', shape), clock, among=among)
+    assert {effect for effect, _ in named} == among
+
+
 def test_a_spline_is_named_beside_an_error_of_the_reference_without_a_name(tmp_path):
     """A rail that bends by 0.8 m hides how well it fits until it is set aside."""
     shape = {'relative_rate': tuple(1.0 + 1e-6 * x for x in (-4.0, 3.8, -4.4, -5.3, 9.8))}

@@ -45,7 +45,7 @@ def _may_resemble(other: Fitted, fitted: Fitted) -> bool:
 
     As strong as that, it has a part beyond the noise in each further coefficient, unless chance makes it small.
     """
-    if not any(e.candidate.recipe.coefficients for e in other.effects):
+    if len(other.effects) > len(fitted.effects) or not any(e.candidate.recipe.coefficients for e in other.effects):
         return False
     further = sum(map(len, other.free)) - sum(map(len, fitted.free))
     replaced = [e for e in fitted.effects if e.key not in other.keys and e.size_std > 0.0]

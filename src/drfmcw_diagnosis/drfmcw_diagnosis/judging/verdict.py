@@ -10,7 +10,7 @@ from ..search.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SELECTION
 from ..search.search import Search
-from ..search.selection import Found, better_bent, forward, pruned
+from ..search.selection import Found, better_bent, forward, pruned, united_with
 from . import curves, paths, standing, steadiness
 from .rivals import rivals, widened
 from .standing import standings
@@ -69,7 +69,7 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
         if current is None:
             left = _significant(search, None, false_alarm_rate)
             return Judgement('unexplained', None, [], [], significance, left)
-        exchanged = [*search.exchanges(current), *search.unified(current, 1)]
+        exchanged = [*search.exchanges(current), *united_with(search, current, false_alarm_rate)]
         current = widened(current, exchanged)
         alternatives = [f for f in rivals(search, current, exchanged) if all(s.stands for s in standings(search, f))]
         left = _significant(search, current, false_alarm_rate)
@@ -135,7 +135,7 @@ def _bent(search: Search, current: Fitted | None, false_alarm_rate: float) -> Fi
     """
     if current is None:
         return None
-    other = better_bent(search, current, search.unified(current, 1), false_alarm_rate)
+    other = better_bent(search, current, united_with(search, current, false_alarm_rate), false_alarm_rate)
     if other is None:
         return current
     search.trust(other)

@@ -176,6 +176,9 @@ class SelectionLimits:
     further: float = 0.1
     """Of the accepted chance: an effect beside others must be surer than the first; chosen."""
 
+    added: float = 1.0
+    """Log evidence that an effect more must add; chosen."""
+
     better: float = 3.0
     """Log evidence by which an exchange must be better to be made; chosen."""
 

@@ -265,13 +265,13 @@ class Promising(Fitting):
         return float(scales @ along), candidate, values
 
     def _freedom_beside(self, slopes: np.ndarray, *own: slice) -> Freedom | None:
-        """Return the freedom of all effects but some, None without others.
+        """Return the freedom of all effects but some, or of all; None without others.
 
         Args:
             slopes: of the parameters of all, see `slopes`.
             own: where those of each left out stand.
         """
-        others = np.delete(slopes, np.r_[own], axis=0)
+        others = np.delete(slopes, np.r_[own], axis=0) if own else slopes
         return Freedom(self.whitening(others)) if len(others) else None
 
 

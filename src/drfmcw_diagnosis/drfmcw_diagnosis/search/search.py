@@ -319,7 +319,8 @@ class Search(Promising):
 
         Args:
             fitted: explanation.
-            fewest: effects that shape a chirp, of one station or of both, and are worth it.
+            fewest: effects that shape a chirp, of one station or of both, and are worth it; 0 to try it beside all
+                effects as well, of a station at which none does.
         """
         shaping = [i for i, e in enumerate(fitted.effects) if e.candidate.kind.shapes_chirp]
         # of several that imitate a bent ramp, one may be what is there beside it
@@ -343,6 +344,8 @@ class Search(Promising):
             freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced))
             most = max(several, key=lambda c: len(c.values))
             alone = self.fit([(most, most.values)], SEARCH.first_steps, rest.template, freedom)
+            if not replaced:
+                return alone.misfit < fitted.misfit - SEARCH.least
             least = SEARCH.much * (self.misfit(rest.template) - fitted.misfit)
             return alone.misfit - fitted.misfit < max(SEARCH.far * SEARCH.rival, least)
 

@@ -37,7 +37,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
             break
         search.trust(current)
         current = search.again(current)
-        united = search.unified(current, 1)
+        united = united_with(search, current, false_alarm_rate)
         bent = better_bent(search, current, united, false_alarm_rate)
         if bent is not None:
             united = [current]
@@ -75,11 +75,21 @@ def _grown(search: Search, begun: Fitted, rounds: list[list[Fitted]], false_alar
     return search.again(found)
 
 
+def united_with(search: Search, current: Fitted, false_alarm_rate: float) -> list[Fitted]:
+    """Return explanations with one bent ramp in the place of effects that shape a chirp, best first.
+
+    Also beside all effects, where more of the ramp is left than by chance: no simple effect need resemble it.
+    """
+    room = len(current.effects) < SELECTION.most
+    beside = room and any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
+    return search.unified(current, 0 if beside else 1)
+
+
 def better_bent(search: Search, current: Fitted, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
     """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
-    A ramp whose rate changes over the band resembles several small errors of a straight one. In the place of one effect
-    it must explain the rest of the ramp, since it follows much.
+    A ramp whose rate changes over the band resembles several small errors of a straight one. It follows much, so in the
+    place of one effect, or beside all, it must explain the rest of the ramp.
 
     Args:
         search: of the recording.
@@ -91,7 +101,8 @@ def better_bent(search: Search, current: Fitted, united: list[Fitted], false_ala
         fewer = len(other.effects) < len(current.effects)
         if fewer and other.misfit < current.misfit + SELECTION.as_well:
             return other
-        if other.evidence < current.evidence + SELECTION.better:
+        more = len(other.effects) > len(current.effects)
+        if other.evidence < current.evidence + (SELECTION.added if more else SELECTION.better):
             continue
         if fewer:
             return other
@@ -150,7 +161,7 @@ def forward(
             significance = chance
         needed = current.evidence if current else 0.0
         accepted = false_alarm_rate * (1.0 if current is None else SELECTION.further)
-        if chance > accepted or best.evidence <= needed + 1.0:
+        if chance > accepted or best.evidence <= needed + SELECTION.added:
             break
         beside_others = current is not None and len(current.effects) > 1
         if beside_others and _far_beyond_chance(search, before) and gain < SELECTION.hopeful * before:
