@@ -110,8 +110,9 @@ def outlier_probability(snr: float, bins: int) -> float:
     power = np.linspace(0.0, (np.sqrt(snr) + 8.0) ** 2, 20001)  # of the line's bin over the noise's
     density = np.exp(-((np.sqrt(power) - np.sqrt(snr)) ** 2)) * i0e(2.0 * np.sqrt(snr * power))
     missed = -np.expm1((bins - 1) * np.log1p(-np.exp(-power[1:])))
-    wrong = density * np.concatenate([[1.0], missed])
-    return float(np.sum(wrong[1:] + wrong[:-1]) * power[1] / 2.0)  # by trapezoids
+    from scipy.integrate import trapezoid  # here: it takes 0.2 s of a processor to import, and no node needs it
+
+    return float(trapezoid(density * np.concatenate([[1.0], missed]), power))
 
 
 @dataclasses.dataclass(frozen=True)

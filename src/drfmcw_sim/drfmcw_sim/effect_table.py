@@ -12,12 +12,12 @@ import numpy as np
 import yaml
 
 from drfmcw_physics.bounds import LineNoise, coloured_bound
-from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_physics.sweep import Mode
 from drfmcw_ros.nodes.parameter_tables import parameter_table
 
 from .effects import Effect, Of
+from .effects.motion import slowness
 from .measurements import Measurements
 from .scenario import Scenario, scenario_from_mapping
 from .synthesis.signal_model import synthesise
@@ -143,7 +143,7 @@ def _range_error(cls: type[Effect]) -> str:
     said = []
     for nominal, changed in zip(_nominal(), _simulated(example_of(cls)), strict=True):
         sweep = nominal.measurements.stations[0].sweep
-        per_frequency = SPEED_OF_LIGHT / np.asarray(nominal.measurements.refractive_index) / (2.0 * sweep.chirp_rate)
+        per_frequency = 1.0 / (slowness(nominal.measurements) * 2.0 * sweep.chirp_rate)
         shifts, ratios = zip(*map(_line_change, nominal.signals, changed.signals), strict=True)
         error = 1e3 * (sum(shifts) * per_frequency - changed.reference + nominal.reference)
         levels = [20.0 * np.log10(np.mean(ratio)) for ratio in ratios]

@@ -138,12 +138,11 @@ def _bent(search: Search, current: Fitted | None, false_alarm_rate: float) -> Fi
     other = better_bent(search, current, united_with(search, current, false_alarm_rate), false_alarm_rate)
     if other is None:
         return current
-    search.trust(other)
-    other = search.again(other)
+    other = search.trusted(other)
     if all(one.stands for one in standings(search, other)):
         return other
-    search.trust(current)
-    return search.again(current)
+    search.trust(current)  # to which it is fitted
+    return current
 
 
 def _without_name(search: Search, fitted: Fitted | None) -> np.ndarray:
@@ -158,8 +157,7 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
     """Return an explanation without the effects that do not stand by themselves; the search no longer tries these."""
     search.doubted = frozenset()
     while fitted is not None:
-        search.trust(fitted)
-        fitted = search.again(fitted)
+        fitted = search.trusted(fitted)
         found = standings(search, fitted)
         doubtful = [i for i, one in enumerate(found) if not one.stands]
         if not doubtful:
@@ -188,8 +186,7 @@ def _completed(search: Search, fitted: Fitted, doubtful: int) -> Fitted | None:
         return None
     before, noisier = search.set_aside, search.noisier
     search.count_as_noise(fitted, _without_name(search, fitted), search.templates_beside(fitted))
-    search.trust(fitted)
-    around = search.again(fitted)
+    around = search.trusted(fitted)
     more = [f for f in search.best_addition(around) if search.credible(f, around.template)]
     search.set_aside, search.noisier = before, noisier
     search.trust(fitted)

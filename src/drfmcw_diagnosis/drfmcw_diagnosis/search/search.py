@@ -25,6 +25,11 @@ class Search(Promising):
         """Return an explanation fitted again from its present values."""
         return self.fit(fitted.start, 4, linearised=fitted.linearised, exact=True)
 
+    def trusted(self, fitted: Fitted) -> Fitted:
+        """Trust the models as far as an explanation allows, and return it fitted again."""
+        self.trust(fitted)
+        return self.again(fitted)
+
     def imitated(self, effect: FittedEffect, others: Fitted | None, together: Fitted) -> float:
         """Return the gain that an effect may owe to errors of the other effects' forward models.
 

@@ -35,8 +35,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     for _ in range(SELECTION.exchanged):
         if current is None:
             break
-        search.trust(current)
-        current = search.again(current)
+        current = search.trusted(current)
         united = united_with(search, current, false_alarm_rate)
         bent = better_bent(search, current, united, false_alarm_rate)
         if bent is not None:
@@ -71,8 +70,7 @@ def _grown(search: Search, begun: Fitted, rounds: list[list[Fitted]], false_alar
     grown, _, more = forward(search, begun, false_alarm_rate)
     rounds += more
     found = pruned(search, grown, false_alarm_rate) or begun
-    search.trust(found)
-    return search.again(found)
+    return search.trusted(found)
 
 
 def united_with(search: Search, current: Fitted, false_alarm_rate: float) -> list[Fitted]:
@@ -217,8 +215,7 @@ def _far_beyond_chance(search: Search, misfit: float) -> bool:
 def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fitted | None:
     """Return an explanation without the effects that the others leave too little to explain."""
     while found is not None and len(found.effects) > 1:
-        search.trust(found)
-        found = search.again(found)
+        found = search.trusted(found)
         chances = []
         slopes = search.slopes(found)
         indispensable, linearised = search.indispensable(found, slopes), search.linearised(found, slopes)

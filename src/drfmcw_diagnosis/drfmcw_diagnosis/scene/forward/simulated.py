@@ -1,5 +1,6 @@
 """What the simulator's effects do to the lines of a scene, and to the samples that the receiver makes of them."""
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,31 +20,27 @@ class Lines:
     Attributes:
         radar: the sweeps of the scene.
         span: the samples of a sweep that are described.
+        rate: of the ramp [Hz/s].
     """
 
     def __init__(self, m: Material, first: int, count: int) -> None:
         """Remember the radar and the samples (`first` and `count`) that are described."""
         self.radar = m
         self.span = slice(first, first + count)
-        self.rate = m.bandwidth / m.duration  # of the ramp [Hz/s]
-        self._straight: dict[bytes, np.ndarray] = {}  # the newest ones without effects
+        self.rate = m.bandwidth / m.duration
 
     def shaped(self, frequency: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
         """Return the factors (L, N) that effects put to lines at frequencies (L,) [1 / sample], by simulation."""
         hertz = frequency * self.radar.rate
         delay = np.abs(hertz / self.rate)
-        over, under = self._simulated(delay, effects), self._without_effects(delay)
+        over, under = self._simulated(delay, effects), self._without_effects(delay.tobytes())
         ratio = np.where(np.abs(under) > 0.0, over / np.where(np.abs(under) > 0.0, under, 1.0), 1.0)
         return np.where((hertz * self.rate < 0.0)[:, None], ratio.conj(), ratio)
 
-    def _without_effects(self, delay: np.ndarray) -> np.ndarray:
+    @functools.lru_cache(maxsize=FORWARD.straight)  # noqa: B019 few are kept, and each scene makes its own anew
+    def _without_effects(self, delay: bytes) -> np.ndarray:
         """Return waves without effects (L, N): the same for all effects that are tried on them."""
-        key = delay.tobytes()
-        if key not in self._straight:
-            while len(self._straight) >= FORWARD.straight:
-                del self._straight[next(iter(self._straight))]
-            self._straight[key] = self._simulated(delay, ())
-        return self._straight[key]
+        return self._simulated(np.frombuffer(delay), ())
 
     def _simulated(self, delay: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
         """Return waves (L, N) that come with delays (L,) [s]."""

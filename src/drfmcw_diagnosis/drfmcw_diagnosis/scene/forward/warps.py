@@ -16,7 +16,6 @@ from drfmcw_sim.effects import Effect, Recipe
 from ...search.starts.bank import Candidate, recipes
 from .limits import WARPS
 from .model import Scene
-from .simulated import Simulated
 
 
 def resampled(signal: np.ndarray, later: np.ndarray) -> np.ndarray:
@@ -80,10 +79,9 @@ def scaled(kind: type[Effect], name: str, value: float, duration: float) -> floa
 
 def later(s: Scene, candidate: Candidate) -> np.ndarray:
     """Return by how much an effect on the ramp makes the time of all lines later (N,) [samples]."""
-    simulated = Simulated(s.simulated_lines, [candidate.build()])
     sign = np.sign(s.simulated_lines.rate)
     reference = WARPS.reference * (sign if s.material.iq else 1.0)
-    factor = simulated.factors(np.full((1, 1), reference))[0, 0]
+    (factor,) = s.simulated_lines.shaped(np.array([reference]), [candidate.build()])
     return np.unwrap(np.angle(factor)) / (2.0 * np.pi * reference)
 
 
