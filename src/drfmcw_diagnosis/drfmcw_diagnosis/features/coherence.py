@@ -17,6 +17,7 @@ import scipy.fft
 from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SIDEBANDS
+from .spectra import phasor
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,15 +45,6 @@ def sidebands(line: np.ndarray, sweep: SweepSettings) -> Sidebands:
     edges = np.linspace(0, len(offset), SIDEBANDS.bands + 1).astype(int)
     present = np.add.reduceat(np.all(upper | lower, axis=-2).astype(int), edges[:-1], axis=-1) >= SIDEBANDS.nearest
     return Sidebands(offset, upper, lower, edges, present)
-
-
-def phasor(turns: np.ndarray) -> np.ndarray:
-    """Return exp(2j pi turns), complex64, however many turns."""
-    angle = (2.0 * np.pi * (turns - np.rint(turns))).astype(np.float32)
-    result = np.empty(angle.shape, np.complex64)
-    np.cos(angle, out=result.real)
-    np.sin(angle, out=result.imag)
-    return result
 
 
 def measured(

@@ -45,7 +45,7 @@ from ..recording.dataset import delay_of_one
 from ..recording.topology import Topology
 from . import adc_codes, coherence, signal_ends, surges, transient
 from .limits import SIDEBANDS, SPECTRUM
-from .spectra import near_line
+from .spectra import at_line, near_line
 
 
 @dataclasses.dataclass(frozen=True)
@@ -342,26 +342,21 @@ class Extractor:
         Multiples of the line's phase fold back at 0 Hz and at the Nyquist frequency by themselves; NaN where one falls
         on the line, its mirror or 0 Hz.
         """
-        rate, step = sweep.sample_rate, np.arange(len(weights))
-        turn = coherence.phasor(-(frequency[:, None] / rate) * step)
-        weighted = samples * weights.astype(np.float32)
-        line = np.einsum('ij,ij->i', weighted, turn)
+        cycles = frequency / sweep.sample_rate
+        line = at_line(samples, cycles, weights)
         if not self.topology.has_mirror:  # a quadrature receiver's line may be at negative frequency
-            mirror = np.einsum('ij,ij->i', weighted.conj(), turn)
+            mirror = at_line(samples.conj(), cycles, weights)
             below = np.abs(mirror) > np.abs(line)
-            weighted = np.where(below[:, None], weighted.conj(), weighted)
+            samples = np.where(below[:, None], samples.conj(), samples)
             line = np.where(below, mirror, line)
         found = []
-        power, reached = turn, 1
         for order in SPECTRUM.harmonics:
-            while reached < order:
-                power, reached = power * turn, reached + 1
             # cos^3 and sin^3 of I and Q hold cos(3 psi) and -sin(3 psi): a line at three times the negative frequency
             multiple = -order if self.topology.iq and order % 4 == 3 else order
-            value = np.einsum('ij,ij->i', weighted, power if multiple > 0 else power.conj())
+            value = at_line(samples, multiple * cycles, weights)
             value = value * np.exp(-1j * multiple * np.angle(line)) / np.abs(line)
             # in cycles per sample, between -1/2 and 1/2
-            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (multiple * frequency / rate, frequency / rate))
+            at, own = ((f + 0.5) % 1.0 - 0.5 for f in (multiple * cycles, cycles))
             apart = np.min([np.abs((at - other + 0.5) % 1.0 - 0.5) for other in (own, -own, 0.0)], axis=0)
             found.append(np.where(apart * len(weights) < SPECTRUM.clear, np.nan, value))
         stacked = np.stack(found, axis=1)

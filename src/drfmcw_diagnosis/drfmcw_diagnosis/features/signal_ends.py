@@ -4,8 +4,8 @@ import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 
-from .coherence import phasor
 from .limits import SPECTRUM
+from .spectra import phasor
 
 
 def measured(samples: np.ndarray, frequency: np.ndarray, sweep: SweepSettings) -> np.ndarray:

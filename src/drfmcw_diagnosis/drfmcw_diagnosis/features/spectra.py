@@ -1,4 +1,4 @@
-"""Powers of spectra: the noise around a bin, which bins are a line's, and means of powers as standard normals."""
+"""Spectra: what turns with a line, the noise around a bin, which bins are a line's, and means of powers."""
 
 from typing import overload
 
@@ -6,6 +6,55 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from .limits import SPECTRUM
+
+_STRETCH = 64  # samples of a line that one table of its phases serves
+
+
+def phasor(turns: np.ndarray) -> np.ndarray:
+    """Return exp(2j pi turns), complex64, however many turns."""
+    angle = (2.0 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+    result = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=result.real)
+    np.sin(angle, out=result.imag)
+    return result
+
+
+def turning(cycles: np.ndarray, first: int, last: int) -> np.ndarray:
+    """Return exp(2j pi cycles t) of lines (n,) over the samples t from `first` up to `last`, complex64 (n, N).
+
+    A product of two short tables: a turn by whole stretches of samples, and one within a stretch.
+
+    Args:
+        cycles: of each line per sample (n,).
+        first: sample.
+        last: end of the samples.
+    """
+    count = last - first
+    within = phasor(cycles[:, None] * np.arange(_STRETCH))
+    stretches = phasor(cycles[:, None] * (first + _STRETCH * np.arange(-(-count // _STRETCH))))
+    return (stretches[..., None] * within[:, None]).reshape(len(cycles), -1)[:, :count]
+
+
+def at_line(samples: np.ndarray, cycles: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the sum of weighted samples times exp(-2j pi cycles t), complex128 (n,); t counts from the first sample.
+
+    Args:
+        samples: of a station (n, N), real or complex.
+        cycles: of each sweep's line per sample (n,).
+        weights: of each sample (N,).
+    """
+    count = samples.shape[1] // _STRETCH * _STRETCH
+    weighted = samples * weights.astype(np.float32)
+    blocks = weighted[:, :count].reshape(len(samples), -1, _STRETCH)
+    within = phasor(-cycles[:, None] * np.arange(_STRETCH))
+    stretches = phasor(-cycles[:, None] * np.arange(0, count, _STRETCH))
+    if np.iscomplexobj(samples):
+        sums = np.matmul(blocks, within[..., None])[..., 0]
+    else:  # a real product takes half the time
+        parts = np.matmul(blocks, within.view(np.float32).reshape(*within.shape, 2))
+        sums = parts[..., 0] + 1j * parts[..., 1]
+    rest = weighted[:, count:] * turning(-cycles, count, samples.shape[1])
+    return np.sum(sums * stretches, axis=1, dtype=complex) + np.sum(rest, axis=1, dtype=complex)
 
 
 def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:

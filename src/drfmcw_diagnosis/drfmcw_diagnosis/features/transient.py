@@ -4,8 +4,8 @@ import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 
-from .coherence import phasor
 from .limits import SPECTRUM
+from .spectra import at_line, turning
 
 
 def times(sweep: SweepSettings) -> np.ndarray:
@@ -31,19 +31,18 @@ def measured(samples: np.ndarray, frequency: np.ndarray, weights: np.ndarray, sw
         sweep: its settings.
     """
     cycles = frequency / sweep.sample_rate
-    turn = phasor(-cycles[:, None] * np.arange(samples.shape[1]))
-    line = np.einsum('ij,j,ij->i', samples, weights.astype(np.float32), turn)
+    line = at_line(samples, cycles, weights)
     spans = np.round(times(sweep) * sweep.sample_rate).astype(int)
     used = spans[:, 1] - spans[:, 0] >= SPECTRUM.shortest_transient
     first, last = spans[used].min(), spans[used].max()
     starts = spans[used, 0] - first
     about = samples[:, first:last]
-    turned = about * turn[:, first:last]
+    turned = about * turning(-cycles, first, last)
     length = np.diff(spans[used])[:, 0]
     place = np.concatenate([(np.arange(count) - 0.5 * (count - 1)) / count for count in length])  # in its span
-    mean, at_line, moment = (np.add.reduceat(x, starts, axis=1, dtype=complex) for x in (about, turned, turned * place))
+    mean, tone, moment = (np.add.reduceat(x, starts, axis=1, dtype=complex) for x in (about, turned, turned * place))
     squares = _products(cycles[:, None], spans[used, 0] + 0.5 * (length - 1), length.astype(float))
-    sums = np.stack([mean, at_line, at_line.conj(), moment, moment.conj()], axis=-1)
+    sums = np.stack([mean, tone, tone.conj(), moment, moment.conj()], axis=-1)
     if np.iscomplexobj(samples):  # without a mirror
         kept = [0, 1, 3]
         squares, sums = squares[..., kept, :][..., kept], sums[..., kept]
