@@ -236,7 +236,7 @@ def test_run_has_a_domain_of_its_own(tmp_path):
 @pytest.mark.timeout(900)
 def test_interrupt_at_any_moment_ends_run_and_all_its_processes(tmp_path):
     """Whatever is being imported, started or stopped meanwhile: soon, in silence, and nobody stays behind."""
-    moments = np.random.default_rng(14).uniform(0.0, 6.0, 10)  # [s]
+    moments = np.random.default_rng(14).uniform(0.0, 6.0, 6)  # [s]
     path = scenario_file(tmp_path, STANDING, timing={'sweep_interval': 0.02})
     for number, moment in enumerate(moments):
         mark = f'{tmp_path}/{number}'
