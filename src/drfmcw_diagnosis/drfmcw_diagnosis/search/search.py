@@ -1,6 +1,7 @@
 """The search for one more effect that explains a recording, or for one instead of another: starts and fits."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -357,13 +358,19 @@ class Search(Promising):
         def refined(start: list[tuple[Candidate, dict[str, float]]]) -> Fitted:
             return self.fit(start, linearised=linearised)
 
-        gains = self._workers.map(gains_as_much, list(tried.items()))
-        chosen = [item for item, enough in zip(tried.items(), gains, strict=True) if enough]
-        starts = []
-        for (_, _, replaced), several in chosen:
-            others = [point for i, point in enumerate(fitted.start) if i not in replaced]
-            starts += [[*others, (candidate, candidate.values)] for candidate in several]
-        return sorted(self._workers.map(refined, starts), key=lambda f: -f.evidence)
+        found: list[Fitted] = []
+        # in the place of most effects first: if that is as good, an effect beside it is found when it is wanted
+        for _, alike in itertools.groupby(sorted(tried.items(), key=lambda x: -len(x[0][2])), lambda x: len(x[0][2])):
+            sets = list(alike)
+            gains = self._workers.map(gains_as_much, sets)
+            starts = []
+            for (_, _, replaced), several in itertools.compress(sets, gains):
+                others = [point for i, point in enumerate(fitted.start) if i not in replaced]
+                starts += [[*others, (candidate, candidate.values)] for candidate in several]
+            found += self._workers.map(refined, starts)
+            if any(len(f.effects) < len(fitted.effects) and f.misfit < fitted.misfit for f in found):
+                break
+        return sorted(found, key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""

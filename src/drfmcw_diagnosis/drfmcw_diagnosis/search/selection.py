@@ -87,7 +87,8 @@ def better_bent(search: Search, current: Fitted, united: list[Fitted], false_ala
     """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
     A ramp whose rate changes over the band resembles several small errors of a straight one. It follows much, so in the
-    place of one effect, or beside all, it must explain the rest of the ramp.
+    place of one effect, or beside all, it must explain the rest of the ramp. Of those that are about as likely, the one
+    of the fewest parameters counts.
 
     Args:
         search: of the recording.
@@ -95,18 +96,20 @@ def better_bent(search: Search, current: Fitted, united: list[Fitted], false_ala
         united: explanations with one effect in the place of several, best first.
         false_alarm_rate: chance of what is left of the ramp, at least.
     """
-    for other in united:
-        fewer = len(other.effects) < len(current.effects)
-        if fewer and other.misfit < current.misfit + SELECTION.as_well:
-            return other
-        more = len(other.effects) > len(current.effects)
-        if other.evidence < current.evidence + (SELECTION.added if more else SELECTION.better):
-            continue
-        if fewer:
-            return other
-        if all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other)):
-            return other
-    return None
+    better = [other for other in united if _is_better_bent(search, current, other, false_alarm_rate)]
+    near = [other for other in better if other.evidence > better[0].evidence - SELECTION.better]
+    return min(near, key=lambda f: sum(map(len, f.free)), default=None)
+
+
+def _is_better_bent(search: Search, current: Fitted, other: Fitted, false_alarm_rate: float) -> bool:
+    """Return whether an explanation with a bent ramp takes the place of another; see `better_bent`."""
+    fewer = len(other.effects) < len(current.effects)
+    if fewer and other.misfit < current.misfit + SELECTION.as_well:
+        return True
+    more = len(other.effects) > len(current.effects)
+    if other.evidence < current.evidence + (SELECTION.added if more else SELECTION.better):
+        return False
+    return fewer or all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other))
 
 
 def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm_rate: float) -> Fitted | None:
