@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.features.limits import SPECTRUM
+from drfmcw_diagnosis.judging import curves
 from drfmcw_diagnosis.judging.rivals import rivals, widened
+from drfmcw_diagnosis.judging.standing import standings
 from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
@@ -17,7 +19,7 @@ from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
-from drfmcw_diagnosis.search.starts.bank import Candidate
+from drfmcw_diagnosis.search.starts.bank import Candidate, recipes
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
 from drfmcw_proof.cases.draws import Extent, both_stations, random_condition
@@ -372,6 +374,31 @@ def test_a_spline_is_named_beside_an_error_of_the_reference_without_a_name(tmp_p
     among = {'sweep_shape', 'sweep_curvature', 'air_refractivity'}
     _, named, _ = bent(tmp_path / 'r', Applied('sweep_shape', 'slave', shape), rail, among=among)
     assert [effect for effect, _ in named] == ['sweep_shape']
+
+
+@pytest.mark.parametrize(
+    ('effect', 'values', 'stands'),
+    [('rail_bend', {'height': -0.19, 'length': 487.0}, False), ('reference_scale', {'scale': 500.0}, True)],
+)
+def test_a_bent_rail_is_no_scale_because_fringes_show_it(tmp_path, effect, values, stands):
+    """A reflection shows where the crane stands, and a scale fits that about; the range shows that it is none.
+
+    The recording is fixed, so nothing is by chance.
+    """
+    distances = 26.4, 29.6, 36.8, 73.5, 76.2, 97.3, 245.8, 398.1, 405.9
+    condition = random_condition(np.random.default_rng(21), Extent(9, 14), distances=distances)
+    fringes = {'coefficient': 0.098, 'height_product': 180.2}
+    concealed = [Applied('ground_reflection', None, fringes), Applied(effect, None, values)]
+    write_recording(conceal(nominal(condition), concealed), tmp_path / 'r')
+    known = dict(recipes())
+    tried = {'ground_reflection': fringes, 'reference_scale': {'scale': 500.0}}
+    starts = [(Candidate(name, '', known[name], start), start) for name, start in tried.items()]
+    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - set(tried))
+    found = search.fit(starts)
+    unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
+    search.count_as_noise(found, unnamed, search.templates_beside(found))
+    _, scale = standings(search, search.trusted(found))
+    assert bool(len(unnamed)) is not stands and scale.stands == stands
 
 
 def test_twins_promise_the_same(tmp_path):

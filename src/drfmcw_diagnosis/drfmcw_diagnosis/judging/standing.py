@@ -10,7 +10,9 @@ What the range alone shows is a smooth curve of distance, time or temperature, w
 So an effect of that kind is also in doubt where a freer curve of the same condition explains much of what is left,
 measured by what the effect explains and the others cannot follow, see `curves`; where it depends on no condition alone
 and much is left; where others of that kind, which may nearly cancel it, make it many times less certain than it would
-be without them; and where the rest of the phases over the sweep may shift the range half as far. What range and beat
+be without them; and where the rest of the phases over the sweep may shift the range half as far. An error of the
+reference is so too where a reflection's fringes show it, if something without a name is set aside in the range of which
+much is left: that may be how far the crane stands from the reference as well. What range and beat
 frequency alone show is in doubt where a step explains as much.
 
 What is set aside is known to first order only. So an effect that shows in the same numbers, and explains less than a
@@ -36,7 +38,7 @@ import dataclasses
 import numpy as np
 from scipy import stats
 
-from drfmcw_sim.effects import Motion
+from drfmcw_sim.effects import ActsOn, Motion
 
 from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
@@ -102,7 +104,7 @@ class Standing:
     gain: float  # misfit that it explains beside the others
     smallest: float = 1.0  # of effects that act in every group
     certain: float = np.inf  # of effects with a size that may be zero
-    left: float = 0.0  # of effects that the range alone shows, and that depend on no condition alone
+    left: float = 0.0  # of effects that the range alone shows, and that depend on no condition alone, or of a reference
     bent: float = 0.0  # of effects that the range alone shows, and that depend on one
     course: float = 0.0  # of effects that the range alone shows
     beyond_step: float = np.inf  # of effects that range and beat frequency alone show
@@ -221,6 +223,9 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
         explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
         curve = curves[number]
+        left = _excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0
+        if ActsOn.REFERENCE in fitted.effects[number].candidate.kind.acts_on and len(fitting.set_aside):
+            left = max(left, _left_of(of_range, as_it_is(residual), as_it_is(alone)))
         beside_aside = aside.any() and 2.0 * float(measured[aside] @ measured[aside]) > float(measured @ measured)
         # a group holds few bursts, so each part of the numbers knows their size to that only; numbers of all groups
         # together, of spans and of windows of several lengths, confirm each other where little is left of them
@@ -236,7 +241,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                     _smallest_size(rest[exact], added[exact], kinds[exact]),
                 ),
                 certain=_certainty(fitted.effects[number], slopes, own),
-                left=_excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0,
+                left=left,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
                 course=unexplained_course(fitting, residual, alone, as_it_is.weight**-2.0) if by_range[number] else 0.0,
                 beyond_step=steps[number],
@@ -287,6 +292,11 @@ def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
 def _excess(rest: np.ndarray) -> float:
     """Return by how much the squares of whitened numbers exceed their expectation; zeros are not compared."""
     return float(rest @ rest) - np.count_nonzero(rest)
+
+
+def _left_of(rows: np.ndarray, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return the excess of what is left (n,) of some numbers over what an effect adds to them (n,), both whitened."""
+    return _excess(rest[rows]) / max(float(added[rows] @ added[rows]), 1e-30)
 
 
 def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
