@@ -117,6 +117,27 @@ def align(
     return added.mean(axis=0)
 
 
+def in_phase(part: Part, rows: Measurements, copies: int, effects: Sequence[Effect]) -> np.ndarray:
+    """Give a pair's lines the same carrier phase wherever a group's copies stand; return the mean delay added (G,) [s].
+
+    Only then do initial phases that lie evenly over a turn make the lines' phases even. Less than a wavelength is
+    added.
+
+    Args:
+        part: groups of one setting.
+        rows: their conditions, as often as there are copies; the delays are changed.
+        copies: number of them.
+        effects: may change the delay.
+    """
+    state = acted(dataclasses.replace(part, steady=rows), effects)
+    carrier = part.extract.sweeps[0].center_frequency
+    turns = carrier * state.paths[0].delay.reshape(copies, -1)
+    turns -= turns[:1]
+    added: np.ndarray = (np.rint(turns) - turns) / carrier
+    rows.paths[0].delay += added.ravel()
+    return added.mean(axis=0)
+
+
 def pooled(values: Sequence[np.ndarray], expected: np.ndarray | None = None) -> np.ndarray:
     """Return standard deviations within groups (G, k), each drawn towards that of all groups together.
 

@@ -17,7 +17,7 @@ from drfmcw_sim.synthesis.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures, ramp_spectrum
 from ..features.limits import SPECTRUM
-from .groups import Part, acted, align, move
+from .groups import Part, acted, align, in_phase, move
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
 
@@ -141,7 +141,7 @@ class SimulatedSweeps:
         speed: np.ndarray | None = None,
         begin: float = 0.0,
     ) -> tuple[SweepFeatures, np.ndarray]:
-        """Return features of sweeps, their phases evenly over so many turns, and the delay that `align` added (G,).
+        """Return features of sweeps, their phases evenly over so many turns, and the delay added to them (G,).
 
         The first one's phase is `begin` [turns].
         Those of a drive lie all along its way, if its speed is given (G,) [m/s].
@@ -155,9 +155,13 @@ class SimulatedSweeps:
             rows.time += times.ravel()
         if speed is not None:
             move(rows, (times * speed).ravel())
-        moved = align(part, rows, copies, self._recorded.sweeps, effects)
+        elsewhere, alone = swaying or speed is not None, self._recorded.topology.hears_itself
+        if elsewhere and not alone:
+            moved = in_phase(part, rows, copies, effects)
+        else:
+            moved = align(part, rows, copies, self._recorded.sweeps, effects)
         # copies of a station that hears itself differ in their delays
-        alike = 1 if swaying or speed is not None or self._recorded.topology.hears_itself else copies
+        alike = 1 if elsewhere or alone else copies
         return self._features(part, rows, effects, harmonic=harmonic, copies=alike), moved
 
     def jittered(

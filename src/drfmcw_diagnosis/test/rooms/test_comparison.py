@@ -185,6 +185,15 @@ def test_distances_at_which_a_spur_passes_for_the_line_are_left_out(tmp_path):
     assert all(np.abs(comparison.recorded.range_error(g)).max() < 0.1 for g in range(len(distances)))
 
 
+def test_a_crane_that_sways_gives_a_distortion_no_phase_of_its_own():
+    """What a distortion adds at random phases has no mean after the signal's begin, however far the crane swings."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    sway = Effect.registry['sway'](amplitude=0.13, frequency=0.64)
+    distortion = Effect.registry['second_order_distortion'](station='slave', second_order=-0.18)
+    shown = comparison.template((sway, distortion))[comparison.entries.where(kind='transient', station=1)]
+    assert np.sum(shown**2) < 0.5 * len(shown)
+
+
 def test_codes_at_which_a_crest_ends_change_little():
     """A square has a sharp edge, whose place among the codes is chance: it changes the pile by 35 % at most.
 
