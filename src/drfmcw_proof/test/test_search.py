@@ -401,6 +401,29 @@ def test_a_bent_rail_is_no_scale_because_fringes_show_it(tmp_path, effect, value
     assert bool(len(unnamed)) is not stands and scale.stands == stands
 
 
+@pytest.mark.parametrize(
+    ('named', 'unknown'),
+    [
+        (
+            Applied('spur', 'master', {'frequency': 74854.0, 'level': -55.5}),
+            Applied('fixed_reflector', None, {'position': 230.5, 'relative_power': -13.0, 'phase': 0.86}),
+        ),
+        (
+            Applied('clipping', 'master', {'level': -25.6}),
+            Applied('delay_step', 'master', {'step': 5.5, 'time': 60.0}),
+        ),
+    ],
+    ids=['a spur among lines', 'a limit at the nearest distance'],
+)
+def test_what_nothing_else_does_stands_beside_something_unknown(tmp_path, named, unknown):
+    """Other lines in the spectrum spoil no spur, and only a limit piles samples up. The recordings are fixed."""
+    candidate = Candidate(named.effect, named.station, dict(recipes())[named.effect], named.parameters)
+    search = Search(compared(tmp_path / 'r', 62, named, unknown), without=set(Effect.registry) - {named.effect})
+    found = search.trusted(search.fit([(candidate, named.parameters)]))
+    (standing,) = standings(search, found)
+    assert leftovers(search, found)[0].probability < 1e-9 and standing.stands
+
+
 def test_twins_promise_the_same(tmp_path):
     """A delay and an error of the reference add the same to every range, whatever else is set aside there."""
     search = Search(compared(tmp_path / 'r', 21))

@@ -3,8 +3,9 @@
 A real effect predicts what it was not fitted to: its size agrees from distance to distance and from kind to kind of
 number, it is absent from no distance, and fitted without one distance it predicts that distance. An imitation of
 something unknown has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of
-one kind at one station in one group of sweeps. What one group alone shows, as clipping where the stations are nearest,
-no other distance can confirm; then one kind of number must predict the other.
+one kind at one station in one group of sweeps; of its spectrum only the bins that the effect changes. What one group
+alone shows, as clipping where the stations are nearest, no other distance can confirm; then one kind of number must
+predict the other, or be one that nothing else changes, as samples that pile up at a limit.
 
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
 So an effect of that kind is also in doubt where a freer curve of the same condition explains much of what is left,
@@ -34,6 +35,7 @@ sweep is unexplained by half as much: whatever changes that changes its mean. Se
 """
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from scipy import stats
@@ -41,6 +43,7 @@ from scipy import stats
 from drfmcw_sim.effects import ActsOn, Motion
 
 from ..compare.algebra import scaled_inverse
+from ..compare.kinds import Kind
 from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
@@ -66,6 +69,7 @@ class StandingLimits:
     smallest: float = 0.25  # its size in such a group, or exact kind of number, over that in all, at least [1]
     predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
+    unchanged: float = 0.01  # square of what an effect adds to a number over the largest in its cell, see `Kind.sparse`
     noise: float = 1.0  # standard deviations by which noise may raise the rest of a cell [1]
     left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
@@ -100,7 +104,7 @@ class Standing:
     predicted: float
     evidence: float
     probability: float
-    testable: bool  # more than one group shows it, or more than one kind of number
+    testable: bool  # more than one group shows it, or more than one kind of number, or one that nothing else changes
     gain: float  # misfit that it explains beside the others
     smallest: float = 1.0  # of effects that act in every group
     certain: float = np.inf  # of effects with a size that may be zero
@@ -181,7 +185,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     derivatives = fitting.slopes(fitted)
     slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
-    exact = np.concatenate([fitting.comparison.rows(kind) for kind in fitting.comparison.kinds if kind.exact])
+    exact = _of_kinds(fitting, lambda kind: kind.exact)
+    unmistakable = _of_kinds(fitting, lambda kind: kind.unmistakable)
     least = np.full(len(slopes), LIMITS.determined)
     for effect, own in zip(fitted.effects, fitted.spans, strict=True):
         if effect.candidate.recipe.per_group:
@@ -217,9 +222,11 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         if drives:  # the phase shows a movement far better than all else, but any other drift of a delay as well
             testable = (1.0 - _largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
         else:
-            testable = by_group or bursts or _largest_share(added, kinds) < LIMITS.alone
-        clean = _clean(left_over, measured, cells) & ~converters
-        clean &= ~_in_doubt(fitting, significant, left_over, measured)
+            clear = float(np.sum(added[unmistakable & ~converters] ** 2)) > LIMITS.visible
+            testable = by_group or bursts or clear or _largest_share(added, kinds) < LIMITS.alone
+        beside = np.where(_unchanged(fitting, measured, cells), 0.0, left_over)
+        clean = _clean(beside, measured, cells) & ~converters
+        clean &= ~_in_doubt(fitting, significant, beside, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
         explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
         curve = curves[number]
@@ -391,15 +398,35 @@ def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray
     return (np.maximum(excess - by_chance, 0.0) < LIMITS.clean * power)[cells]
 
 
+def _of_kinds(fitting: Fitting, chosen: Callable[[Kind], bool]) -> np.ndarray:
+    """Return which numbers are of the kinds chosen (n,)."""
+    c = fitting.comparison
+    found = np.zeros(len(c.residual), bool)
+    for kind in filter(chosen, c.kinds):
+        found[c.rows(kind)] = True
+    return found
+
+
+def _unchanged(fitting: Fitting, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return which numbers, of those of which an effect changes few, one does not change (n,)."""
+    most = np.zeros(cells.max() + 1)
+    np.maximum.at(most, cells, added**2)
+    return _of_kinds(fitting, lambda kind: kind.sparse) & (added**2 <= LIMITS.unchanged * most[cells])
+
+
 def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, added: np.ndarray) -> np.ndarray:
     """Return which numbers are of a kind, at a station, of which much is left beside what an effect explains (n,).
 
     A step is left in the ramp where two ripples imitate it, though no single cell shows it.
     """
     found = np.zeros(len(rest), bool)
+    sparse = {kind.name for kind in fitting.comparison.kinds if kind.sparse}
     for left in significant:
         rows = fitting.comparison.entries.where(kind=left.kind, station=left.station)
-        if left.at_least(_excess(rest[rows])) > LIMITS.clean * float(added[rows] @ added[rows]):
+        excess = _excess(rest[rows])
+        if left.kind not in sparse:
+            excess = left.at_least(excess)
+        if excess > LIMITS.clean * float(added[rows] @ added[rows]):
             found |= rows
     return found
 
@@ -428,7 +455,7 @@ def _standing(
         clean: which numbers can be evidence.
         sound: of which numbers no uneven ADC takes part.
         free: parameters of the effect.
-        testable: whether more than one part shows the effect.
+        testable: whether more than one part shows the effect, or one that nothing else changes.
     """
     gain = (rest + added) ** 2 - rest**2
     left = rest - moved

@@ -95,7 +95,8 @@ class Search(Promising):
         found = []
         slopes, templates = self.slopes(fitted), self.whitening(self.templates)
         moving = np.array([displaces(c.kind) for c in self.bank], bool)
-        tried = [bool(c.recipe.size) and self._is_other(c, c.values, fitted.effects) for c in self.bank]
+        other = (bool(c.recipe.size) and self._is_other(c, c.values, fitted.effects) for c in self.bank)
+        tried = np.fromiter(other, bool)
         for number, (effect, own) in enumerate(zip(fitted.effects, fitted.spans, strict=True)):
             others = np.flatnonzero(tried & (moving != displaces(effect.candidate.kind)))
             freedom = Freedom(self.whitening(np.delete(slopes, own, axis=0)))

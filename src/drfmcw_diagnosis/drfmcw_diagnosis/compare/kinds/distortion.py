@@ -82,5 +82,6 @@ PILED = Piled(
     axis='range',
     label='samples at the outermost codes',
     trust=Trust(beside_distortion=MODEL.piled),
+    unmistakable=True,
     fewest=1,
 )

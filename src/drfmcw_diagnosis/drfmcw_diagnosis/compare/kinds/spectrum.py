@@ -202,6 +202,7 @@ LINES = Lines(
     label='narrow lines in the IF spectrum',
     trust=Trust(usual=MODEL.lines, beside_distortion=MODEL.harmonics),
     averages=True,
+    sparse=True,
     correlated=1.9,  # neighbouring bins of a Hann window share their noise
 )
 MEAN = Mean(
