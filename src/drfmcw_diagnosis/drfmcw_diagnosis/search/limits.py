@@ -185,6 +185,9 @@ class SelectionLimits:
     as_well: float = 8.0
     """Misfit by which one effect in the place of several may be behind and still take it [1]; chosen."""
 
+    relocated: int = 3
+    """Effects that are about as likely, beside each of which the others may move; chosen."""
+
     most: int = 6
     """Effects in one explanation; chosen."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from . import events, path_sets
 from .fitted import Fitted
 from .leftovers import leftovers
-from .limits import SELECTION
+from .limits import SEARCH, SELECTION
 from .search import Search
 
 
@@ -167,8 +167,29 @@ def forward(
         beside_others = current is not None and len(current.effects) > 1
         if beside_others and _far_beyond_chance(search, before) and gain < SELECTION.hopeful * before:
             break
-        current = _bent(search, search.relocated(best))
+        current = _bent(search, _relocated(search, ranked, best, beside))
     return current, significance, rounds
+
+
+def _relocated(search: Search, ranked: list[Fitted], best: Fitted, beside: np.ndarray | float) -> Fitted:
+    """Return the likeliest explanation with one more effect, once others have moved to places that resemble theirs.
+
+    A sway has aliases. Beside a wrong one, an effect that is not there may be about as likely as one that is.
+
+    Args:
+        search: prepared.
+        ranked: explanations with one more effect, best first.
+        best: of those all of whose effects are certain.
+        beside: template of the other effects.
+    """
+    near = [best]
+    if any(e.candidate.recipe.lookalikes for e in best.effects[:-1]):
+        for other in ranked:
+            if len(near) == SELECTION.relocated or other.evidence < best.evidence - SELECTION.better:
+                break
+            if all(search.apart(other, x) > SEARCH.rival for x in near) and search.credible(other, beside):
+                near.append(other)
+    return max(map(search.relocated, near), key=lambda f: f.evidence)
 
 
 def _without_uncertain(
