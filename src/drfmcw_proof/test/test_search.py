@@ -424,6 +424,17 @@ def test_what_nothing_else_does_stands_beside_something_unknown(tmp_path, named,
     assert leftovers(search, found)[0].probability < 1e-9 and standing.stands
 
 
+def test_a_line_of_something_with_a_period_is_no_spur(tmp_path):
+    """A triangle has lines at odd multiples of its frequency; the recording is fixed, so nothing is by chance."""
+    dither = Applied('adc_dither', 'master', {'amplitude': 40.0, 'period': 13.0})
+    values = {'frequency': 2.048e6 / 13.0, 'level': -50.0}
+    spur = Candidate('spur', 'master', dict(recipes())['spur'], values)
+    search = Search(compared(tmp_path / 'r', 62, dither), without=set(Effect.registry) - {'spur'})
+    found = search.trusted(search.fit([(spur, values)]))
+    (standing,) = standings(search, found)
+    assert standing.has_evidence and not standing.stands
+
+
 def test_twins_promise_the_same(tmp_path):
     """A delay and an error of the reference add the same to every range, whatever else is set aside there."""
     search = Search(compared(tmp_path / 'r', 21))

@@ -1,8 +1,8 @@
-"""Whether something else in the lines may be what the noise, the received power or the range alone shows.
+"""Whether something else in the lines may be what the noise, the received power, the range or one bin alone shows.
 
 In: an effect of an explanation and what the explanation leaves. Out: the rest of the line's amplitude, or of the phases
-over the sweep, over the effect's change; and how much of the noise repeats in each sweep, as what an event within the
-ramp leaves beside the line does.
+over the sweep, over the effect's change; how much of the noise repeats in each sweep, as what an event within the ramp
+leaves beside the line does; and how much is left at multiples of a line's frequency.
 """
 
 import dataclasses
@@ -22,6 +22,12 @@ class ReceiverLimits:
 
     by_noise: float = 0.9  # share of an effect's power in the noise, from which on nothing else shows it [1]; chosen
     by_power: float = 0.9  # the same in the received power [1]; chosen
+    by_line: float = 0.8  # the same in a few bins of the spectrum about its strongest one [1]; chosen
+    about: int = 3  # such bins to either side; chosen: a Hann window's line
+    multiples: int = 9  # highest multiple of a line's frequency that is looked at; chosen
+    apart: float = 2.0  # bins by which a multiple may be apart from where it is looked for; chosen
+    each: float = 0.15  # such bins for each multiple more; chosen: how well a line's place among the bins is known
+    chance: float = 6.0  # standard deviations of chance above which something is left at multiples [1]; chosen
 
 
 LIMITS = ReceiverLimits()
@@ -95,6 +101,45 @@ def repeated_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) ->
         repeats += float(np.sum(weight * np.clip(np.nan_to_num(share) / np.maximum(ratio, 1e-6), 0.0, 1.0)))
         total += float(np.sum(weight))
     return repeats / total if total > 0.0 else 0.0
+
+
+def left_at_multiples(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:
+    """Return what is left of the spectrum at multiples of a line, or of which it is one, over what the line explains.
+
+    What has a period has lines at all its multiples: none of them is a line of its own. 0 of what is no single line.
+
+    Args:
+        fitting: of the recording.
+        effect: of the explanation.
+        rest: what the explanation leaves, whitened (n,).
+        added: what the effect adds to it, likewise.
+    """
+    c, total = fitting.comparison, float(added @ added)
+    for kind in (k for k in c.kinds if k.sparse):
+        for i in receivers_of(fitting, effect):
+            rows = c.rows(kind, i)
+            power = np.sum(added[rows].reshape(len(c.members), -1) ** 2, axis=0)
+            at, bins = int(np.argmax(power)), np.arange(len(power))
+            near = np.abs(bins - at) <= LIMITS.about
+            if float(power[near].sum()) < LIMITS.by_line * total:
+                continue
+            place = float(np.average(bins[near], weights=power[near]))
+            multiples = _multiples(place, len(power)) & ~near
+            left = rest[rows].reshape(len(c.members), -1)[:, multiples]
+            count = np.count_nonzero(left)
+            excess = float(np.sum(left**2)) - count - LIMITS.chance * math.sqrt(2.0 * count)
+            return max(excess, 0.0) / total
+    return 0.0
+
+
+def _multiples(place: float, count: int) -> np.ndarray:
+    """Return which of a number of bins lie at multiples of a place among them, folded, or at parts of it (B,)."""
+    found = np.zeros(count, bool)
+    for number in range(2, LIMITS.multiples + 1):
+        folded = (number * place) % (2.0 * (count - 1))
+        for middle in (min(folded, 2.0 * (count - 1) - folded), place / number):
+            found |= np.abs(np.arange(count) - middle) <= LIMITS.apart + LIMITS.each * number
+    return found
 
 
 def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray, expected: np.ndarray) -> float:

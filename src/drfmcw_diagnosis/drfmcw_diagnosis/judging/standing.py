@@ -54,7 +54,14 @@ from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
 from .paths import LIMITS as PATHS
 from .paths import beyond_paths
-from .receivers import of_level, repeated_noise, uneven_power, unexplained_course, unexplained_signal
+from .receivers import (
+    left_at_multiples,
+    of_level,
+    repeated_noise,
+    uneven_power,
+    unexplained_course,
+    unexplained_signal,
+)
 from .steadiness import LIMITS as STEADINESS
 from .steadiness import odds_of_one_size
 
@@ -85,6 +92,7 @@ class StandingLimits:
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
     faint: float = 1e-4  # gain over what is set aside of the same numbers explains, at least [1]
     repeated: float = 0.3  # share of what an effect adds to the noise that repeats in each sweep, at most [1]
+    multiples: float = 0.005  # rest of the spectrum at multiples of a line over what the line explains, at most [1]
     determined: float = 0.01  # least share of the information on a parameter that other parts must have [1]
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
     alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
@@ -115,6 +123,7 @@ class Standing:
     unexplained: float = 0.0  # of effects that the noise alone shows
     uneven_power: float = 0.0  # of effects that the received power alone shows
     repeated: float = 0.0  # of effects that the noise alone shows
+    multiples: float = 0.0  # of effects that are a line in the spectrum
     inflated: float = 1.0  # of effects that the range alone shows
     over_aside: float = np.inf  # of effects that show in the numbers of what is set aside
     cancelled: float = 1.0
@@ -139,6 +148,7 @@ class Standing:
             and self.unexplained < LIMITS.unexplained
             and self.uneven_power < LIMITS.uneven_power
             and self.repeated < LIMITS.repeated
+            and self.multiples < LIMITS.multiples
             and self.inflated < LIMITS.inflated
             and self.over_aside > LIMITS.faint
             and not self.is_cancelled
@@ -255,6 +265,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 unexplained=unexplained_signal(fitting, fitted.effects[number], residual, alone),
                 uneven_power=uneven_power(fitting, fitted.effects[number], residual, alone),
                 repeated=repeated_noise(fitting, fitted.effects[number], alone),
+                multiples=left_at_multiples(fitting, fitted.effects[number], left_over, measured),
                 inflated=inflations[number],
                 over_aside=standing.gain / max(by_aside, 1e-30) if beside_aside else np.inf,
                 cancelled=cancelled[number],
