@@ -376,6 +376,15 @@ def test_a_spline_is_named_beside_an_error_of_the_reference_without_a_name(tmp_p
     assert [effect for effect, _ in named] == ['sweep_shape']
 
 
+def test_a_spline_that_no_simple_effect_resembles_is_no_event(tmp_path):
+    """An event within the sweep explains most of it, and is set aside until the spline is tried in its place."""
+    shape = {'relative_rate': tuple(1.0 + 1e-6 * x for x in (-1.01, 0.62, -0.67, -1.13, 2.19))}
+    clock = Applied('reference_clock_temperature', 'slave', {'slope': -0.0154})
+    among = {'sweep_shape', 'sweep_curvature', 'reference_clock_temperature'}
+    _, _, listed = bent(tmp_path / 'r', Applied('sweep_shape', 'master', shape), clock, among=among)
+    assert (('reference_clock_temperature', 'slave'), ('sweep_shape', 'master')) in listed
+
+
 @pytest.mark.parametrize(
     ('effect', 'values', 'stands'),
     [('rail_bend', {'height': -0.19, 'length': 487.0}, False), ('reference_scale', {'scale': 500.0}, True)],

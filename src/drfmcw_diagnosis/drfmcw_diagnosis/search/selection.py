@@ -35,7 +35,7 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     for _ in range(SELECTION.exchanged):
         if current is None:
             break
-        current = search.trusted(current)
+        current = _bent_instead_of_events(search, search.trusted(current), false_alarm_rate)
         united = united_with(search, current, false_alarm_rate)
         bent = better_bent(search, current, united, false_alarm_rate)
         if bent is not None:
@@ -110,6 +110,26 @@ def _is_better_bent(search: Search, current: Fitted, other: Fitted, false_alarm_
     if other.evidence < current.evidence + (SELECTION.added if more else SELECTION.better):
         return False
     return fewer or all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other))
+
+
+def _bent_instead_of_events(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted:
+    """Return an explanation with one bent ramp in the place of the events that are set aside, if it fits as well.
+
+    No simple effect may resemble that ramp, and an event in mid-sweep may.
+    """
+    aside = search.set_aside
+    of_ramp = np.any(aside[:, search.comparison.entries.where(kind='ramp')] != 0.0, axis=1)
+    if not of_ramp.any():
+        return current
+    search.set_aside = aside[~of_ramp]
+    plain = search.trusted(current)
+    bent = better_bent(search, plain, united_with(search, plain, false_alarm_rate), false_alarm_rate)
+    by_chance = np.count_nonzero(of_ramp)  # what each direction takes up of the noise
+    if bent is not None and bent.misfit < current.misfit + by_chance + SELECTION.as_well:
+        return search.trusted(bent)
+    search.set_aside = aside
+    search.trust(current)
+    return current
 
 
 def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm_rate: float) -> Fitted | None:
