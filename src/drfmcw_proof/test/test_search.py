@@ -14,6 +14,7 @@ from drfmcw_diagnosis.judging.rivals import rivals, widened
 from drfmcw_diagnosis.judging.standing import standings
 from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_diagnosis.search import events
 from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
@@ -383,6 +384,19 @@ def test_a_spline_that_no_simple_effect_resembles_is_no_event(tmp_path):
     among = {'sweep_shape', 'sweep_curvature', 'reference_clock_temperature'}
     _, _, listed = bent(tmp_path / 'r', Applied('sweep_shape', 'master', shape), clock, among=among)
     assert (('reference_clock_temperature', 'slave'), ('sweep_shape', 'master')) in listed
+
+
+def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
+    """A line through a jump of 0.25 rad is steeper by 6 cm at most; the recording is fixed, so nothing is by chance."""
+    jump = Applied('phase_jump', 'slave', {'angle': 0.25, 'time': 0.00045})
+    values = {'offset': 0.4}
+    candidate = Candidate('reference_offset', '', dict(recipes())['reference_offset'], values)
+    comparison = compared(tmp_path / 'r', 62, jump, Applied('reference_offset', None, values))
+    search = Search(comparison, without=set(Effect.registry) - {'reference_offset'})
+    found = search.fit([(candidate, values)])
+    search.set_aside = events.left(search, found, search.whitening_of(found, with_unknown=False))
+    (standing,) = standings(search, search.trusted(found))
+    assert len(search.set_aside) and standing.stands
 
 
 @pytest.mark.parametrize(

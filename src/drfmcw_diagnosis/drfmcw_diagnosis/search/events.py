@@ -248,12 +248,12 @@ def _earlier_end(fitting: Fitting, event: _Event) -> np.ndarray:
 def _shifted_lines(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np.ndarray:
     """Return by how much an event of the phases may shift the lines of each sweep, each times its prior (k, n).
 
-    A sweep's frequency follows a part of the event: a line through a step is steeper. By how much depends on the
-    estimator, so all of it is unknown. The sum of the phases shows it in the range, the difference in the beats.
+    A sweep's frequency follows a part of the event: a line through a step is steeper. How large a part depends on the
+    estimator, so any is as likely, which has a mean square of a third. The sum of the phases shows it in the range, the difference in the beats.
     """
     c = fitting.comparison
     sweep, block = c.data.sweeps[0][0], np.arange(len(event.shape)) - 0.5 * (len(event.shape) - 1)
-    turned = event.size * float(event.shape @ block / (block @ block))  # [rad per block]
+    turned = event.size * float(event.shape @ block / (block @ block)) / np.sqrt(3.0)  # [rad per block]
     hertz = turned / (2.0 * np.pi * float(c.time[1] - c.time[0]))
     shifts = {'range': hertz * SPEED_OF_LIGHT / (2.0 * abs(sweep.chirp_rate)), 'beat': hertz}
     found = np.zeros((0, len(c.residual)))
