@@ -97,6 +97,9 @@ class SpectrumLimits:
     bands: int = 8
     """Bands of equal width in which the noise is compared; chosen."""
 
+    stretch: int = 64
+    """Length of the table of a line's phases that serves all stretches of a sweep [samples]; chosen."""
+
     edge_samples: int = 32
     """Samples about either end of the ramp in which the signal is counted; chosen."""
 

@@ -7,8 +7,6 @@ from scipy.ndimage import median_filter
 
 from .limits import SPECTRUM
 
-_STRETCH = 64  # samples of a line that one table of its phases serves
-
 
 def phasor(turns: np.ndarray) -> np.ndarray:
     """Return exp(2j pi turns), complex64, however many turns."""
@@ -29,10 +27,9 @@ def turning(cycles: np.ndarray, first: int, last: int) -> np.ndarray:
         first: sample.
         last: end of the samples.
     """
-    count = last - first
-    within = phasor(cycles[:, None] * np.arange(_STRETCH))
-    stretches = phasor(cycles[:, None] * (first + _STRETCH * np.arange(-(-count // _STRETCH))))
-    return (stretches[..., None] * within[:, None]).reshape(len(cycles), -1)[:, :count]
+    within = phasor(cycles[:, None] * np.arange(SPECTRUM.stretch))
+    stretches = phasor(cycles[:, None] * np.arange(first, last, SPECTRUM.stretch))
+    return (stretches[..., None] * within[:, None]).reshape(len(cycles), -1)[:, : last - first]
 
 
 def at_line(samples: np.ndarray, cycles: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -43,11 +40,12 @@ def at_line(samples: np.ndarray, cycles: np.ndarray, weights: np.ndarray) -> np.
         cycles: of each sweep's line per sample (n,).
         weights: of each sample (N,).
     """
-    count = samples.shape[1] // _STRETCH * _STRETCH
+    length = SPECTRUM.stretch
+    count = samples.shape[1] // length * length
     weighted = samples * weights.astype(np.float32)
-    blocks = weighted[:, :count].reshape(len(samples), -1, _STRETCH)
-    within = phasor(-cycles[:, None] * np.arange(_STRETCH))
-    stretches = phasor(-cycles[:, None] * np.arange(0, count, _STRETCH))
+    blocks = weighted[:, :count].reshape(len(samples), -1, length)
+    within = phasor(-cycles[:, None] * np.arange(length))
+    stretches = phasor(-cycles[:, None] * np.arange(0, count, length))
     if np.iscomplexobj(samples):
         sums = np.matmul(blocks, within[..., None])[..., 0]
     else:  # a real product takes half the time

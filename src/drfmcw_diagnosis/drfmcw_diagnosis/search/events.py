@@ -249,7 +249,8 @@ def _shifted_lines(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np
     """Return by how much an event of the phases may shift the lines of each sweep, each times its prior (k, n).
 
     A sweep's frequency follows a part of the event: a line through a step is steeper. How large a part depends on the
-    estimator, so any is as likely, which has a mean square of a third. The sum of the phases shows it in the range, the difference in the beats.
+    estimator, so any is as likely, which has a mean square of a third. The sum of the phases shows it in the range, the
+    difference in the beats.
     """
     c = fitting.comparison
     sweep, block = c.data.sweeps[0][0], np.arange(len(event.shape)) - 0.5 * (len(event.shape) - 1)

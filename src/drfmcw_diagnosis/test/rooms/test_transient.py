@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drfmcw_diagnosis.features import transient
+from drfmcw_diagnosis.features.spectra import at_line, turning
 from drfmcw_node.estimators.spectral import window_samples
 from drfmcw_physics.sweep import SweepSettings
 
@@ -18,6 +21,18 @@ def means(samples, frequency):
     lines = np.full(len(samples), frequency)
     real, imaginary = np.split(transient.measured(samples, lines, weights / weights.sum(), SWEEP), 2, axis=1)
     return real + 1j * imaginary
+
+
+@given(st.integers(1, 3000), st.booleans(), st.integers(0, 2**32 - 1))
+def test_two_tables_turn_as_each_sample_does(count, is_iq, seed):
+    """To the rounding of float32, whatever the number of samples."""
+    random = np.random.default_rng(seed)
+    samples = random.standard_normal((3, count)) + 1j * is_iq * random.standard_normal((3, count))
+    samples = samples if is_iq else samples.real
+    cycles, weights = random.uniform(-0.5, 0.5, 3), random.uniform(0.0, 1.0, count)
+    turned = np.exp(-2j * np.pi * cycles[:, None] * np.arange(count))
+    np.testing.assert_allclose(turning(-cycles, 0, count), turned, atol=1e-6)
+    np.testing.assert_allclose(at_line(samples, cycles, weights), np.sum(samples * weights * turned, axis=1), atol=1e-4)
 
 
 @pytest.mark.parametrize('is_iq', [False, True])
