@@ -49,7 +49,9 @@ def _may_resemble(other: Fitted, fitted: Fitted) -> bool:
         return False
     further = sum(map(len, other.free)) - sum(map(len, fitted.free))
     replaced = [e for e in fitted.effects if e.key not in other.keys and e.size_std > 0.0]
-    strength = max([1.0, *(abs(e.values[e.candidate.recipe.size]) / e.size_std for e in replaced)])
+    if not replaced:  # one of many coefficients, too: their evidence decides
+        return False
+    strength = max(1.0, *(abs(e.values[e.candidate.recipe.size]) / e.size_std for e in replaced))
     return bool(strength**-further > RIVALS.resembling)
 
 

@@ -12,9 +12,9 @@ So an effect of that kind is also in doubt where a freer curve of the same condi
 measured by what the effect explains and the others cannot follow, see `curves`; where it depends on no condition alone
 and much is left; where others of that kind, which may nearly cancel it, make it many times less certain than it would
 be without them; and where the rest of the phases over the sweep may shift the range half as far. An error of the
-reference is so too where a reflection's fringes show it, if something without a name is set aside in the range of which
-much is left: that may be how far the crane stands from the reference as well. What range and beat
-frequency alone show is in doubt where a step explains as much.
+reference moves the fringes of a reflection as well. Beside something without a name that is set aside, it is in doubt
+where much is left of the range as measured: that may be how far the crane stands from the reference, too. What range
+and beat frequency alone show is in doubt where a step explains as much.
 
 What is set aside is known to first order only. So an effect that shows in the same numbers, and explains less than a
 ten-thousandth of what that does, is in doubt.
