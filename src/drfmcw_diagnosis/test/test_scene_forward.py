@@ -76,7 +76,6 @@ def settling(level):
 
 
 EFFECTS = {
-    'ripple': ('sweep_ripple', {'error': lambda t: 2e5 * np.sin(2 * np.pi * 120e3 * t)}),
     'curvature': ('sweep_curvature', {'error': lambda t: 1e6 * 4 * (t / DURATION) * (1 - t / DURATION)}),
     'strong slow ripple': (
         'sweep_ripple',
