@@ -39,6 +39,11 @@ def compared(path, seed, *effects, settings=7, sweeps=12):
     return Comparison(read_dataset(path))
 
 
+def beginning(effect, station, values):
+    """Where the fit of an effect begins."""
+    return Candidate(effect, station, dict(recipes())[effect], values), values
+
+
 def chi_square(comparison, kind, *effects):
     """Squared whitened residual per number of one kind beside effects."""
     rest = comparison.residual - comparison.template(effects)
@@ -390,10 +395,9 @@ def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
     """A line through a jump of 0.25 rad is steeper by 6 cm at most; the recording is fixed, so nothing is by chance."""
     jump = Applied('phase_jump', 'slave', {'angle': 0.25, 'time': 0.00045})
     values = {'offset': 0.4}
-    candidate = Candidate('reference_offset', '', dict(recipes())['reference_offset'], values)
     comparison = compared(tmp_path / 'r', 62, jump, Applied('reference_offset', None, values))
     search = Search(comparison, without=set(Effect.registry) - {'reference_offset'})
-    found = search.fit([(candidate, values)])
+    found = search.fit([beginning('reference_offset', '', values)])
     search.set_aside = events.left(search, found, search.whitening_of(found, with_unknown=False))
     (standing,) = standings(search, search.trusted(found))
     assert len(search.set_aside) and standing.stands
@@ -413,11 +417,9 @@ def test_a_bent_rail_is_no_scale_because_fringes_show_it(tmp_path, effect, value
     fringes = {'coefficient': 0.098, 'height_product': 180.2}
     concealed = [Applied('ground_reflection', None, fringes), Applied(effect, None, values)]
     write_recording(conceal(nominal(condition), concealed), tmp_path / 'r')
-    known = dict(recipes())
     tried = {'ground_reflection': fringes, 'reference_scale': {'scale': 500.0}}
-    starts = [(Candidate(name, '', known[name], start), start) for name, start in tried.items()]
     search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - set(tried))
-    found = search.fit(starts)
+    found = search.fit([beginning(name, '', start) for name, start in tried.items()])
     unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
     search.count_as_noise(found, unnamed, search.templates_beside(found))
     _, scale = standings(search, search.trusted(found))
@@ -440,9 +442,8 @@ def test_a_bent_rail_is_no_scale_because_fringes_show_it(tmp_path, effect, value
 )
 def test_what_nothing_else_does_stands_beside_something_unknown(tmp_path, named, unknown):
     """Other lines in the spectrum spoil no spur, and only a limit piles samples up. The recordings are fixed."""
-    candidate = Candidate(named.effect, named.station, dict(recipes())[named.effect], named.parameters)
     search = Search(compared(tmp_path / 'r', 62, named, unknown), without=set(Effect.registry) - {named.effect})
-    found = search.trusted(search.fit([(candidate, named.parameters)]))
+    found = search.trusted(search.fit([beginning(named.effect, named.station, named.parameters)]))
     (standing,) = standings(search, found)
     assert leftovers(search, found)[0].probability < 1e-9 and standing.stands
 
@@ -451,9 +452,8 @@ def test_a_line_of_something_with_a_period_is_no_spur(tmp_path):
     """A triangle has lines at odd multiples of its frequency; the recording is fixed, so nothing is by chance."""
     dither = Applied('adc_dither', 'master', {'amplitude': 40.0, 'period': 13.0})
     values = {'frequency': 2.048e6 / 13.0, 'level': -50.0}
-    spur = Candidate('spur', 'master', dict(recipes())['spur'], values)
     search = Search(compared(tmp_path / 'r', 62, dither), without=set(Effect.registry) - {'spur'})
-    found = search.trusted(search.fit([(spur, values)]))
+    found = search.trusted(search.fit([beginning('spur', 'master', values)]))
     (standing,) = standings(search, found)
     assert standing.has_evidence and not standing.stands
 

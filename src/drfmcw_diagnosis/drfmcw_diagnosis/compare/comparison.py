@@ -1,7 +1,7 @@
 """A recording beside its model: one vector of residuals over their standard deviations, and what effects add to it."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -136,6 +136,10 @@ class Comparison:
         """Return where the numbers of a kind stand in the vector, in order (n,); those of one station or of all."""
         rows = self._rows[kind.name].ravel()
         return rows if station is None else rows[self.entries.station[rows] == station]
+
+    def rows_of_kinds(self, chosen: Callable[[Kind], bool]) -> np.ndarray:
+        """Return where the numbers of the kinds chosen stand in the vector, kind by kind (n,)."""
+        return np.concatenate([self.rows(kind) for kind in self.kinds if chosen(kind)])
 
     def series(self) -> list[tuple[Kind, int]]:
         """Return kinds with the stations, or the ramp's channels, that have numbers of each; -1 for the path."""

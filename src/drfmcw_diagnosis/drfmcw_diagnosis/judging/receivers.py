@@ -18,7 +18,7 @@ from ..search.fitting import Fitting
 
 @dataclasses.dataclass(frozen=True)
 class ReceiverLimits:
-    """Which effects the noise or the received power alone shows."""
+    """Which effects the noise, the received power or one line in the spectrum alone shows, and where multiples are."""
 
     by_noise: float = 0.9  # share of an effect's power in the noise, from which on nothing else shows it [1]; chosen
     by_power: float = 0.9  # the same in the received power [1]; chosen
@@ -35,8 +35,7 @@ LIMITS = ReceiverLimits()
 
 def of_level(fitting: Fitting, level: str) -> np.ndarray:
     """Return where the numbers of all kinds of a level stand."""
-    c = fitting.comparison
-    return np.concatenate([c.rows(kind) for kind in c.kinds if kind.level == level])
+    return fitting.comparison.rows_of_kinds(lambda kind: kind.level == level)
 
 
 def unexplained_signal(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, added: np.ndarray) -> float:

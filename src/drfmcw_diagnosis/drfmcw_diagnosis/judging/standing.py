@@ -35,7 +35,6 @@ sweep is unexplained by half as much: whatever changes that changes its mean. Se
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 from scipy import stats
@@ -43,7 +42,6 @@ from scipy import stats
 from drfmcw_sim.effects import ActsOn, Motion
 
 from ..compare.algebra import scaled_inverse
-from ..compare.kinds import Kind
 from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
@@ -191,12 +189,11 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     # nothing is clean because it counts as noise; an event that is set aside takes few of the numbers with it
     as_measured = as_it_is.beside(fitting.set_aside)
     residual = fitting.comparison.residual - fitted.template
-    rest, left_over = whitening(residual), as_measured(residual)
+    rest, left_over, as_left = whitening(residual), as_measured(residual), as_it_is(residual)
     derivatives = fitting.slopes(fitted)
     slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
-    exact = _of_kinds(fitting, lambda kind: kind.exact)
-    unmistakable = _of_kinds(fitting, lambda kind: kind.unmistakable)
+    exact = fitting.comparison.rows_of_kinds(lambda kind: kind.exact)
     least = np.full(len(slopes), LIMITS.determined)
     for effect, own in zip(fitted.effects, fitted.spans, strict=True):
         if effect.candidate.recipe.per_group:
@@ -214,7 +211,9 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
     aside = np.any(fitting.set_aside != 0.0, axis=0)
-    by_aside = float(np.sum(as_it_is(residual) ** 2) - left_over @ left_over)
+    of_limits = fitting.comparison.rows_of_kinds(lambda kind: kind.unmistakable)
+    unmistakable = of_limits[~converters[of_limits]]
+    by_aside = float(np.sum(as_left**2) - left_over @ left_over)
     found = []
     for number, own in enumerate(fitted.spans):
         others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
@@ -232,7 +231,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         if drives:  # the phase shows a movement far better than all else, but any other drift of a delay as well
             testable = (1.0 - _largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
         else:
-            clear = float(np.sum(added[unmistakable & ~converters] ** 2)) > LIMITS.visible
+            clear = float(np.sum(added[unmistakable] ** 2)) > LIMITS.visible
             testable = by_group or bursts or clear or _largest_share(added, kinds) < LIMITS.alone
         beside = np.where(_unchanged(fitting, measured, cells), 0.0, left_over)
         clean = _clean(beside, measured, cells) & ~converters
@@ -242,7 +241,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         curve = curves[number]
         left = _excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0
         if ActsOn.REFERENCE in fitted.effects[number].candidate.kind.acts_on and len(fitting.set_aside):
-            left = max(left, _left_of(of_range, as_it_is(residual), as_it_is(alone)))
+            shown = as_it_is(alone)[of_range]
+            left = max(left, _excess(as_left[of_range]) / max(float(shown @ shown), 1e-30))
         beside_aside = aside.any() and 2.0 * float(measured[aside] @ measured[aside]) > float(measured @ measured)
         # a group holds few bursts, so each part of the numbers knows their size to that only; numbers of all groups
         # together, of spans and of windows of several lengths, confirm each other where little is left of them
@@ -310,11 +310,6 @@ def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
 def _excess(rest: np.ndarray) -> float:
     """Return by how much the squares of whitened numbers exceed their expectation; zeros are not compared."""
     return float(rest @ rest) - np.count_nonzero(rest)
-
-
-def _left_of(rows: np.ndarray, rest: np.ndarray, added: np.ndarray) -> float:
-    """Return the excess of what is left (n,) of some numbers over what an effect adds to them (n,), both whitened."""
-    return _excess(rest[rows]) / max(float(added[rows] @ added[rows]), 1e-30)
 
 
 def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
@@ -409,20 +404,14 @@ def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray
     return (np.maximum(excess - by_chance, 0.0) < LIMITS.clean * power)[cells]
 
 
-def _of_kinds(fitting: Fitting, chosen: Callable[[Kind], bool]) -> np.ndarray:
-    """Return which numbers are of the kinds chosen (n,)."""
-    c = fitting.comparison
-    found = np.zeros(len(c.residual), bool)
-    for kind in filter(chosen, c.kinds):
-        found[c.rows(kind)] = True
-    return found
-
-
 def _unchanged(fitting: Fitting, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Return which numbers, of those of which an effect changes few, one does not change (n,)."""
     most = np.zeros(cells.max() + 1)
     np.maximum.at(most, cells, added**2)
-    return _of_kinds(fitting, lambda kind: kind.sparse) & (added**2 <= LIMITS.unchanged * most[cells])
+    rows = fitting.comparison.rows_of_kinds(lambda kind: kind.sparse)
+    found = np.zeros(len(added), bool)
+    found[rows] = added[rows] ** 2 <= LIMITS.unchanged * most[cells[rows]]
+    return found
 
 
 def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, added: np.ndarray) -> np.ndarray:

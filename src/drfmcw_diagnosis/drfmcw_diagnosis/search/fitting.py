@@ -394,7 +394,7 @@ class Fitting(Templates):
             doubt[rows] = kind.doubt(explained, fitted.template[rows], nonlinear[rows])
         fading = [e for e in fitted.build() if e.memory]
         if fading:  # any share of it may be there
-            rows = np.concatenate([c.rows(kind) for kind in c.kinds if kind.of_begin])
+            rows = c.rows_of_kinds(lambda kind: kind.of_begin)
             doubt[rows] = np.hypot(doubt[rows], MODEL.unsettled * self._template(fading)[rows])
         return doubt
 

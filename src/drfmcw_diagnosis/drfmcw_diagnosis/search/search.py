@@ -48,7 +48,7 @@ class Search(Promising):
         template = np.abs(self._template([effect.build()])) * weight
         doubt = SEARCH.off * np.abs(others.template) * weight
         overlap = np.bincount(cells_of(c.entries), template * doubt)
-        rounded = np.concatenate([c.rows(kind) for kind in c.kinds if kind.rounded])
+        rounded = c.rows_of_kinds(lambda kind: kind.rounded)
         unchanged = rounded[template[rounded] < SEARCH.unchanged]
         before, after = (self.whitening(c.residual - f.template)[unchanged] for f in (others, together))
         by_rounding = max(float(before @ before - after @ after), 0.0)
@@ -361,8 +361,8 @@ class Search(Promising):
 
         found: list[Fitted] = []
         # in the place of most effects first: if that is as good, an effect beside it is found when it is wanted
-        for _, alike in itertools.groupby(sorted(tried.items(), key=lambda x: -len(x[0][2])), lambda x: len(x[0][2])):
-            sets = list(alike)
+        for count in sorted({len(replaced) for *_, replaced in tried}, reverse=True):
+            sets = [(key, several) for key, several in tried.items() if len(key[2]) == count]
             gains = self._workers.map(gains_as_much, sets)
             starts = []
             for (_, _, replaced), several in itertools.compress(sets, gains):

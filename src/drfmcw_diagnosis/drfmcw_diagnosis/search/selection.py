@@ -96,8 +96,12 @@ def better_bent(search: Search, current: Fitted, united: list[Fitted], false_ala
         united: explanations with one effect in the place of several, best first.
         false_alarm_rate: chance of what is left of the ramp, at least.
     """
-    better = [other for other in united if _is_better_bent(search, current, other, false_alarm_rate)]
-    near = [other for other in better if other.evidence > better[0].evidence - SELECTION.better]
+    near: list[Fitted] = []
+    for other in united:
+        if near and other.evidence <= near[0].evidence - SELECTION.better:
+            break
+        if _is_better_bent(search, current, other, false_alarm_rate):
+            near.append(other)
     return min(near, key=lambda f: sum(map(len, f.free)), default=None)
 
 
