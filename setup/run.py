@@ -10,6 +10,7 @@ import signal
 from setup import stamp
 
 _MOST_WORKERS = 6  # of the tests: many of them start processes of their own
+_KEPT = 256 * 2 ** 20  # bytes that a process keeps after it freed them, at most
 
 
 def execute(root, module, arguments):
@@ -62,6 +63,11 @@ def variables(root, environ):
     # The arrays are small and the processes many: threads inside NumPy only get into each other's way.
     result.setdefault("OPENBLAS_NUM_THREADS", "1")
     result.setdefault("OMP_NUM_THREADS", "1")
+    # Arrays of some megabytes come and go all the time: malloc keeps their memory instead of returning it each time,
+    # and NumPy asks for no huge pages, of which the kernel clears more than an array needs.
+    for name in ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"):
+        result.setdefault(name, str(_KEPT))
+    result.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
     return result
 
 
