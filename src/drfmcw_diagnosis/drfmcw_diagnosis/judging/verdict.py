@@ -111,10 +111,14 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
     """
     current: Fitted | None = found
     dropped: frozenset[tuple[str, str]] = frozenset()
+    before: tuple[tuple[str, str], ...] | None = None
     for _ in range(LIMITS.rounds):
         current = _bent(search, _standing(search, current), false_alarm_rate)
         dropped |= search.doubted
-        before = current.keys if current is not None else ()
+        keys = current.keys if current is not None else ()
+        if keys == before:
+            search.doubted |= dropped.difference(keys)
+        before = keys
         search.count_as_noise(current, _without_name(search, current), search.templates_beside(current))
         more, _, _ = forward(search, current, false_alarm_rate)
         more = pruned(search, more, false_alarm_rate)
