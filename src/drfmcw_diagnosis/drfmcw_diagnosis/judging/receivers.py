@@ -141,7 +141,7 @@ def _multiples(place: float, count: int) -> np.ndarray:
     return found
 
 
-def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray, expected: np.ndarray) -> float:
+def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray, weight: np.ndarray) -> float:
     """Return by how much the rest of the phases over the sweep may shift the range, over an effect's change of it.
 
     Both as rms over the groups, by what the range is known to. A sweep's frequency follows a part of what bends its
@@ -151,14 +151,17 @@ def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray, ex
         fitting: of the recording.
         rest: what the explanation leaves, over standard deviations (n,).
         added: what the effect adds to it, likewise.
-        expected: mean squares of such a rest by chance and by errors of the forward models (n,).
+        weight: of such a rest: one over its rms by chance and by errors of the forward models (n,), 0 where it does
+            not count.
     """
     c = fitting.comparison
     channel = next(i for i, x in enumerate(c.recorded.channels) if x.of_phase)  # the sum, or the only one
     std = c.std.ramp[:, channel]
     scale = np.where(np.isfinite(std), std, 0.0)
     rows = c.entries.where(kind='ramp', station=channel)
-    left, usual = (x[rows].reshape(std.shape) for x in (fitting.without_set_aside(rest), expected))
+    left, counted = (x[rows].reshape(std.shape) for x in (fitting.without_set_aside(rest), weight))
+    usual = np.divide(1.0, counted**2, out=np.zeros_like(counted), where=counted > 0.0)
+    left = np.where(counted > 0.0, left, 0.0)
     squares = np.sum((left**2 - usual) * scale**2, axis=1)
     by_chance = np.sqrt(2.0 * np.sum((usual * scale**2) ** 2, axis=1))  # chi-squared
     turned = np.sqrt(np.maximum(squares - by_chance, 0.0) / std.shape[1])  # rms [rad] (G,)

@@ -260,7 +260,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 certain=_certainty(fitted.effects[number], slopes, own),
                 left=left,
                 bent=curve / explained if by_range[number] and curve is not None else 0.0,
-                course=unexplained_course(fitting, residual, alone, as_it_is.weight**-2.0) if by_range[number] else 0.0,
+                course=unexplained_course(fitting, residual, alone, as_it_is.weight) if by_range[number] else 0.0,
                 beyond_step=steps[number],
                 unexplained=unexplained_signal(fitting, fitted.effects[number], residual, alone),
                 uneven_power=uneven_power(fitting, fitted.effects[number], residual, alone),
