@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import stats
 
 from ..search import events
 from ..search.fitted import Fitted
@@ -26,6 +27,10 @@ class VerdictLimits:
 
     largest: float = 400.0
     """Remainder of all together, at most [1]; chosen: 20 standard deviations are no error of a model."""
+
+    outdone: float = 1e-6
+    """Chance of an explanation fitting so much better with one effect exchanged, below which something is left; chosen:
+    one of many tried does so by chance."""
 
     rounds: int = 3
     """Times that the search goes on from the effects that stand; chosen."""
@@ -64,7 +69,7 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     significance = min([found.significance, *(x.probability for x in left)])
     if current is None:
         return Judgement('unexplained' if left else 'consistent', None, [], [], significance, left)
-    if not _holds(search, current, left):
+    if not _holds(search, current, left) or _is_outdone(search, current, found.exchanged):
         current = established(search, current, false_alarm_rate)
         if current is None:
             left = _significant(search, None, false_alarm_rate)
@@ -229,6 +234,25 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)
     return all(one.stands or effect.candidate.kind.bursts for effect, one in found)
+
+
+def _is_outdone(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> bool:
+    """Return whether an explanation with one effect exchanged fits far better than by chance, with more parameters.
+
+    Likely it need not be: free velocities at all distances tell a sway from what else drifts, and are too many to be
+    named instead. Nothing is left of single numbers then.
+    """
+    residual = search.comparison.residual
+    explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
+    for other in exchanged:
+        gain, more = fitted.misfit - other.misfit, _freedom(other) - _freedom(fitted)
+        if gain > LIMITS.adequate * explained and stats.chi2.sf(gain, max(more, 1)) < LIMITS.outdone:
+            return True
+    return False
+
+
+def _freedom(fitted: Fitted) -> int:
+    return sum(map(len, fitted.free))
 
 
 def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:
