@@ -403,6 +403,21 @@ def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
     assert len(search.set_aside) and standing.stands
 
 
+def test_an_offset_that_the_range_shows_stands_beside_a_delay_that_jumps(tmp_path):
+    """The jump is set aside as a curve over time; the recording is fixed, so nothing is by chance."""
+    jump = Applied('delay_step', 'slave', {'step': 0.96, 'time': 390.0})
+    values = {'offset': 0.2}
+    distances = 26.4, 29.6, 36.8, 73.5, 76.2, 97.3, 245.8, 398.1, 405.9
+    condition = random_condition(np.random.default_rng(21), Extent(9, 14), distances=distances)
+    write_recording(conceal(nominal(condition), [jump, Applied('reference_offset', None, values)]), tmp_path / 'r')
+    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - {'reference_offset'})
+    found = search.fit([beginning('reference_offset', '', values)])
+    unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
+    search.count_as_noise(found, unnamed, search.templates_beside(found))
+    (offset,) = standings(search, search.trusted(found))
+    assert len(unnamed) and offset.stands
+
+
 @pytest.mark.parametrize(
     ('effect', 'values', 'stands'),
     [('rail_bend', {'height': -0.19, 'length': 487.0}, False), ('reference_scale', {'scale': 500.0}, True)],

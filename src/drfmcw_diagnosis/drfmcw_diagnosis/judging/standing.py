@@ -12,9 +12,9 @@ So an effect of that kind is also in doubt where a freer curve of the same condi
 measured by what the effect explains and the others cannot follow, see `curves`; where it depends on no condition alone
 and much is left; where others of that kind, which may nearly cancel it, make it many times less certain than it would
 be without them; and where the rest of the phases over the sweep may shift the range half as far. An error of the
-reference moves the fringes of a reflection as well. Beside something without a name that is set aside, it is in doubt
-where much is left of the range as measured: that may be how far the crane stands from the reference, too. What range
-and beat frequency alone show is in doubt where a step explains as much.
+reference moves the fringes of a reflection as well. Beside something without a name that is set aside, one that these
+show more than the range is in doubt where much is left of the range as measured: that may be how far the crane stands
+from the reference, too. What range and beat frequency alone show is in doubt where a step explains as much.
 
 What is set aside is known to first order only. So an effect that shows in the same numbers, and explains less than a
 ten-thousandth of what that does, is in doubt.
@@ -237,10 +237,12 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         clean = _clean(beside, measured, cells) & ~converters
         clean &= ~_in_doubt(fitting, significant, beside, measured)
         standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
-        explained = float(measured[of_range] @ measured[of_range]) * _own_share(slopes, own, added)
+        in_range = float(measured[of_range] @ measured[of_range])
+        explained = in_range * _own_share(slopes, own, added)
         curve = curves[number]
         left = _excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0
-        if ActsOn.REFERENCE in fitted.effects[number].candidate.kind.acts_on and len(fitting.set_aside):
+        of_reference = ActsOn.REFERENCE in fitted.effects[number].candidate.kind.acts_on
+        if of_reference and len(fitting.set_aside) and 2.0 * in_range < float(measured @ measured):
             shown = as_it_is(alone)[of_range]
             left = max(left, _excess(as_left[of_range]) / max(float(shown @ shown), 1e-30))
         beside_aside = aside.any() and 2.0 * float(measured[aside] @ measured[aside]) > float(measured @ measured)
