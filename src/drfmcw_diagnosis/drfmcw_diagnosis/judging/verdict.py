@@ -174,6 +174,8 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
         # what has no evidence of its own may spoil what the fits without one part predict of the others
         worst = min(doubtful, key=lambda i: (found[i].has_evidence, found[i].predicted))
         completed = _completed(search, fitted, worst) if found[worst].has_evidence else None
+        if completed is None and found[worst].is_event:
+            completed = _bent_beyond_events(search, fitted, worst)
         if completed is not None:
             fitted = completed
             continue
@@ -183,6 +185,25 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
         search.set_aside = _without_name(search, fitted)
     search.doubted -= set(fitted.keys if fitted is not None else ())
     return fitted
+
+
+def _bent_beyond_events(search: Search, fitted: Fitted, doubtful: int) -> Fitted | None:
+    """Return an explanation with a bent ramp in the place of an effect that an event outdoes; None where none stands.
+
+    The effect may resemble most of that ramp, and an event all of it.
+    """
+    kind, recipe = fitted.effects[doubtful].candidate.kind, fitted.effects[doubtful].candidate.recipe
+    if not kind.shapes_chirp or recipe.coefficients:
+        return None
+    united = [f for f in search.unified(fitted, 1) if f.misfit < fitted.misfit]
+    for other in united:
+        if other.evidence <= united[0].evidence - SELECTION.better:
+            break
+        bent = search.trusted(other)
+        if all(one.stands for one in standings(search, bent)):
+            return bent
+    search.trust(fitted)
+    return None
 
 
 def _completed(search: Search, fitted: Fitted, doubtful: int) -> Fitted | None:

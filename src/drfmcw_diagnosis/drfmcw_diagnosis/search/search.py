@@ -317,7 +317,7 @@ class Search(Promising):
         moved = [dataclasses.replace(own, station=s) for s in stations if (own.effect, s) not in tried]
         return [(c, effect.values) for c in moved if self._is_other(c, effect.values, rest.effects)]
 
-    def unified(self, fitted: Fitted, fewest: int) -> list[Fitted]:
+    def unified(self, fitted: Fitted | None, fewest: int) -> list[Fitted]:
         """Return explanations with one effect of many coefficients for those that shape a chirp, best first.
 
         It takes the place of all, of its own station's, of all but one, or of one of the other station.
@@ -325,16 +325,17 @@ class Search(Promising):
         Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects.
 
         Args:
-            fitted: explanation.
+            fitted: explanation; None for one without effects.
             fewest: effects that shape a chirp, of one station or of both, and are worth it; 0 to try it beside all
                 effects as well, of a station at which none does.
         """
-        shaping = [i for i, e in enumerate(fitted.effects) if e.candidate.kind.shapes_chirp]
+        effects = fitted.effects if fitted is not None else ()
+        shaping = [i for i, e in enumerate(effects) if e.candidate.kind.shapes_chirp]
         # of several that imitate a bent ramp, one may be what is there beside it
         all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 2]
         tried: dict[tuple, list[Candidate]] = {}
         for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
-            own = [i for i in shaping if fitted.effects[i].key[1] == candidate.station]
+            own = [i for i in shaping if effects[i].key[1] == candidate.station]
             single = [(i,) for i in shaping if i not in own]
             for replaced in {tuple(own), tuple(shaping), *all_but_one, *single}:
                 if len(replaced) >= fewest:
@@ -342,19 +343,20 @@ class Search(Promising):
 
         if not tried:
             return []
-        slopes = self.slopes(fitted)
+        slopes = self.slopes(fitted) if fitted is not None else np.zeros((0, len(self.comparison.residual)))
         linearised = self.linearised(fitted, slopes)
+        misfit = fitted.misfit if fitted is not None else self.misfit(0.0)
 
         def gains_as_much(item: tuple[tuple, list[Candidate]]) -> bool:
             (_, _, replaced), several = item
-            rest = self._without(fitted, *replaced)
-            freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced))
+            rest = self._without(fitted, *replaced).template if fitted is not None else 0.0
+            freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced)) if fitted is not None else None
             most = max(several, key=lambda c: len(c.values))
-            alone = self.fit([(most, most.values)], SEARCH.first_steps, rest.template, freedom)
+            alone = self.fit([(most, most.values)], SEARCH.first_steps, rest, freedom)
             if not replaced:
-                return alone.misfit < fitted.misfit - SEARCH.least
-            least = SEARCH.much * (self.misfit(rest.template) - fitted.misfit)
-            return alone.misfit - fitted.misfit < max(SEARCH.far * SEARCH.rival, least)
+                return alone.misfit < misfit - SEARCH.least
+            least = SEARCH.much * (self.misfit(rest) - misfit)
+            return alone.misfit - misfit < max(SEARCH.far * SEARCH.rival, least)
 
         def refined(start: list[tuple[Candidate, dict[str, float]]]) -> Fitted:
             return self.fit(start, linearised=linearised)
@@ -366,10 +368,10 @@ class Search(Promising):
             gains = self._workers.map(gains_as_much, sets)
             starts = []
             for (_, _, replaced), several in itertools.compress(sets, gains):
-                others = [point for i, point in enumerate(fitted.start) if i not in replaced]
+                others = [(e.candidate, e.values) for i, e in enumerate(effects) if i not in replaced]
                 starts += [[*others, (candidate, candidate.values)] for candidate in several]
             found += self._workers.map(refined, starts)
-            if any(len(f.effects) < len(fitted.effects) and f.misfit < fitted.misfit for f in found):
+            if any(len(f.effects) < len(effects) and f.misfit < misfit for f in found):
                 break
         return sorted(found, key=lambda f: -f.evidence)
 

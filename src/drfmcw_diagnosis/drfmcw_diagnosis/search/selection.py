@@ -30,12 +30,15 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     """
     current, significance, rounds = forward(search, None, false_alarm_rate)
     current = pruned(search, current, false_alarm_rate)
+    if current is None:
+        current, significance = _bent_alone(search, rounds, significance, false_alarm_rate)
     exchanged: list[Fitted] = []
     united: list[Fitted] = []
     for _ in range(SELECTION.exchanged):
         if current is None:
             break
-        current = _bent_instead_of_events(search, search.trusted(current), false_alarm_rate)
+        current = search.trusted(current)
+        current = _bent_instead_of_events(search, current, false_alarm_rate) or current
         united = united_with(search, current, false_alarm_rate)
         bent = better_bent(search, current, united, false_alarm_rate)
         if bent is not None:
@@ -73,17 +76,34 @@ def _grown(search: Search, begun: Fitted, rounds: list[list[Fitted]], false_alar
     return search.trusted(found)
 
 
-def united_with(search: Search, current: Fitted, false_alarm_rate: float) -> list[Fitted]:
+def _bent_alone(
+    search: Search, rounds: list[list[Fitted]], significance: float, false_alarm_rate: float
+) -> tuple[Fitted | None, float]:
+    """Return an explanation that begins with one bent ramp, and its chance, where no effect was found.
+
+    No simple effect need resemble it. Where none fits, there is no explanation, and the chance stays.
+    """
+    begun = _bent_instead_of_events(search, None, false_alarm_rate)
+    if begun is None:
+        begun = better_bent(search, None, united_with(search, None, false_alarm_rate), false_alarm_rate)
+    if begun is None:
+        return None, significance
+    (bent,) = begun.effects
+    chance = search.probability(search.misfit(0.0) - begun.misfit, len(bent.candidate.free), bent.key)
+    return _grown(search, begun, rounds, false_alarm_rate), min(significance, chance)
+
+
+def united_with(search: Search, current: Fitted | None, false_alarm_rate: float) -> list[Fitted]:
     """Return explanations with one bent ramp in the place of effects that shape a chirp, best first.
 
     Also beside all effects, where more of the ramp is left than by chance: no simple effect need resemble it.
     """
-    room = len(current.effects) < SELECTION.most
+    room = current is None or len(current.effects) < SELECTION.most
     beside = room and any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
     return search.unified(current, 0 if beside else 1)
 
 
-def better_bent(search: Search, current: Fitted, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
+def better_bent(search: Search, current: Fitted | None, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
     """Return an explanation in which one effect takes the place of all that shape a chirp; None where none is better.
 
     A ramp whose rate changes over the band resembles several small errors of a straight one. It follows much, so in the
@@ -92,7 +112,7 @@ def better_bent(search: Search, current: Fitted, united: list[Fitted], false_ala
 
     Args:
         search: of the recording.
-        current: the explanation.
+        current: the explanation; None for one without effects.
         united: explanations with one effect in the place of several, best first.
         false_alarm_rate: chance of what is left of the ramp, at least.
     """
@@ -105,35 +125,36 @@ def better_bent(search: Search, current: Fitted, united: list[Fitted], false_ala
     return min(near, key=lambda f: sum(map(len, f.free)), default=None)
 
 
-def _is_better_bent(search: Search, current: Fitted, other: Fitted, false_alarm_rate: float) -> bool:
+def _is_better_bent(search: Search, current: Fitted | None, other: Fitted, false_alarm_rate: float) -> bool:
     """Return whether an explanation with a bent ramp takes the place of another; see `better_bent`."""
-    fewer = len(other.effects) < len(current.effects)
-    if fewer and other.misfit < current.misfit + SELECTION.as_well:
+    more = len(other.effects) - (len(current.effects) if current is not None else 0)
+    misfit, evidence = (current.misfit, current.evidence) if current is not None else (search.misfit(0.0), 0.0)
+    if more < 0 and other.misfit < misfit + SELECTION.as_well:
         return True
-    more = len(other.effects) > len(current.effects)
-    if other.evidence < current.evidence + (SELECTION.added if more else SELECTION.better):
+    if other.evidence < evidence + (SELECTION.added if more > 0 else SELECTION.better):
         return False
-    return fewer or all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other))
+    return more < 0 or all(x.kind != 'ramp' or x.probability >= false_alarm_rate for x in leftovers(search, other))
 
 
-def _bent_instead_of_events(search: Search, current: Fitted, false_alarm_rate: float) -> Fitted:
-    """Return an explanation with one bent ramp in the place of the events that are set aside, if it fits as well.
+def _bent_instead_of_events(search: Search, current: Fitted | None, false_alarm_rate: float) -> Fitted | None:
+    """Return an explanation with one bent ramp in the place of the events that are set aside; None if it fits worse.
 
     No simple effect may resemble that ramp, and an event in mid-sweep may.
     """
     aside = search.set_aside
-    of_ramp = np.any(aside[:, search.comparison.entries.where(kind='ramp')] != 0.0, axis=1)
-    if not of_ramp.any():
-        return current
-    search.set_aside = aside[~of_ramp]
-    plain = search.trusted(current)
+    if not len(aside):
+        return None
+    misfit = current.misfit if current is not None else search.misfit(0.0)
+    search.set_aside = aside[:0]  # also by how much an event may shift the lines
+    plain = search.trusted(current) if current is not None else None
+    search.trust(plain)
     bent = better_bent(search, plain, united_with(search, plain, false_alarm_rate), false_alarm_rate)
-    by_chance = np.count_nonzero(of_ramp)  # what each direction takes up of the noise
-    if bent is not None and bent.misfit < current.misfit + by_chance + SELECTION.as_well:
+    by_chance = len(aside)  # what each direction takes up of the noise
+    if bent is not None and bent.misfit < misfit + by_chance + SELECTION.as_well:
         return search.trusted(bent)
     search.set_aside = aside
     search.trust(current)
-    return current
+    return None
 
 
 def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm_rate: float) -> Fitted | None:
