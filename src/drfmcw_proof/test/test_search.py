@@ -391,6 +391,19 @@ def test_a_spline_that_no_simple_effect_resembles_is_no_event(tmp_path):
     assert (('reference_clock_temperature', 'slave'), ('sweep_shape', 'master')) in listed
 
 
+@pytest.mark.parametrize(
+    'relative_rate',
+    [(-0.173, 0.145, 0.467, -0.265, -0.173), (-0.063, -0.049, -0.562, -0.674, 1.348)],
+    ids=['before any simple effect is credible', 'in the place of a sweep rate'],
+)
+def test_a_spline_alone_is_no_event(tmp_path, relative_rate):
+    """Its rate deviates by up to 1.3 ppm; an event within the sweep explains much of it."""
+    shape = {'relative_rate': tuple(1.0 + 1e-6 * x for x in relative_rate)}
+    among = {'sweep_shape', 'sweep_rate', 'sweep_curvature', 'reference_offset'}
+    verdict, _, listed = bent(tmp_path / 'r', Applied('sweep_shape', 'master', shape), among=among)
+    assert verdict == 'ambiguous' and (('sweep_shape', 'master'),) in listed
+
+
 def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
     """A line through a jump of 0.25 rad is steeper by 6 cm at most; the recording is fixed, so nothing is by chance."""
     jump = Applied('phase_jump', 'slave', {'angle': 0.25, 'time': 0.00045})
