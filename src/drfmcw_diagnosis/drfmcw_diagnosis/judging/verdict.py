@@ -258,10 +258,10 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
 
 
 def _is_outdone(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> bool:
-    """Return whether an explanation with one effect exchanged fits far better than by chance, with more parameters.
+    """Return whether it fits far better than by chance with one effect exchanged for one of more parameters.
 
-    Likely it need not be: free velocities at all distances tell a sway from what else drifts, and are too many to be
-    named instead. Nothing is left of single numbers then.
+    Then something is left, although no kind of number shows it by itself. The other explanation is not named for it: a
+    free velocity at each distance follows whatever drifts, but has too many parameters to be likelier than a sway.
     """
     residual = search.comparison.residual
     explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
