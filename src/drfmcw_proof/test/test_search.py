@@ -416,19 +416,25 @@ def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
     assert len(search.set_aside) and standing.stands
 
 
+def beside_curves(path, concealed, tried):
+    """Standings of effects beside the curves that are set aside, and how many these are."""
+    distances = 26.4, 29.6, 36.8, 73.5, 76.2, 97.3, 245.8, 398.1, 405.9
+    condition = random_condition(np.random.default_rng(21), Extent(9, 14), distances=distances)
+    write_recording(conceal(nominal(condition), concealed), path)
+    search = Search(Comparison(read_dataset(path)), without=set(Effect.registry) - set(tried))
+    found = search.fit([beginning(name, '', start) for name, start in tried.items()])
+    unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
+    search.count_as_noise(found, unnamed, search.templates_beside(found))
+    return standings(search, search.trusted(found)), len(unnamed)
+
+
 def test_an_offset_that_the_range_shows_stands_beside_a_delay_that_jumps(tmp_path):
     """The jump is set aside as a curve over time; the recording is fixed, so nothing is by chance."""
     jump = Applied('delay_step', 'slave', {'step': 0.96, 'time': 390.0})
-    values = {'offset': 0.2}
-    distances = 26.4, 29.6, 36.8, 73.5, 76.2, 97.3, 245.8, 398.1, 405.9
-    condition = random_condition(np.random.default_rng(21), Extent(9, 14), distances=distances)
-    write_recording(conceal(nominal(condition), [jump, Applied('reference_offset', None, values)]), tmp_path / 'r')
-    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - {'reference_offset'})
-    found = search.fit([beginning('reference_offset', '', values)])
-    unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
-    search.count_as_noise(found, unnamed, search.templates_beside(found))
-    (offset,) = standings(search, search.trusted(found))
-    assert len(unnamed) and offset.stands
+    tried = {'reference_offset': {'offset': 0.2}}
+    concealed = [jump, Applied('reference_offset', None, tried['reference_offset'])]
+    (offset,), unnamed = beside_curves(tmp_path / 'r', concealed, tried)
+    assert unnamed and offset.stands
 
 
 @pytest.mark.parametrize(
@@ -440,18 +446,11 @@ def test_a_bent_rail_is_no_scale_because_fringes_show_it(tmp_path, effect, value
 
     The recording is fixed, so nothing is by chance.
     """
-    distances = 26.4, 29.6, 36.8, 73.5, 76.2, 97.3, 245.8, 398.1, 405.9
-    condition = random_condition(np.random.default_rng(21), Extent(9, 14), distances=distances)
     fringes = {'coefficient': 0.098, 'height_product': 180.2}
     concealed = [Applied('ground_reflection', None, fringes), Applied(effect, None, values)]
-    write_recording(conceal(nominal(condition), concealed), tmp_path / 'r')
     tried = {'ground_reflection': fringes, 'reference_scale': {'scale': 500.0}}
-    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - set(tried))
-    found = search.fit([beginning(name, '', start) for name, start in tried.items()])
-    unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
-    search.count_as_noise(found, unnamed, search.templates_beside(found))
-    _, scale = standings(search, search.trusted(found))
-    assert bool(len(unnamed)) is not stands and scale.stands == stands
+    (_, scale), unnamed = beside_curves(tmp_path / 'r', concealed, tried)
+    assert bool(unnamed) is not stands and scale.stands == stands
 
 
 @pytest.mark.parametrize(

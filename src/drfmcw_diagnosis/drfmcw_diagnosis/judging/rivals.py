@@ -47,7 +47,7 @@ def _may_resemble(other: Fitted, fitted: Fitted) -> bool:
     """
     if len(other.effects) > len(fitted.effects) or not any(e.candidate.recipe.coefficients for e in other.effects):
         return False
-    further = sum(map(len, other.free)) - sum(map(len, fitted.free))
+    further = other.freedom - fitted.freedom
     replaced = [e for e in fitted.effects if e.key not in other.keys and e.size_std > 0.0]
     if not replaced:  # one of many coefficients, too: their evidence decides
         return False

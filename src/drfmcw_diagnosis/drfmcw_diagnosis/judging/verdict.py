@@ -246,8 +246,7 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         as_path = min(paths.beyond_paths(search, fitted)) < paths.LIMITS.beaten
         return not (as_event or as_step or as_noise or as_curve or as_path)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
-    residual = search.comparison.residual
-    explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
+    explained = _explained(search, fitted)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}
     excess = sum(x.at_least(x.excess) for x in left)
     small = excess < min(LIMITS.adequate * explained, LIMITS.largest) and not any(x.kind in exact for x in left)
@@ -257,23 +256,24 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     return all(one.stands or effect.candidate.kind.bursts for effect, one in found)
 
 
+def _explained(search: Search, fitted: Fitted) -> float:
+    """Return by how much an explanation lowers the sum of the squares of all numbers, as they are."""
+    residual = search.comparison.residual
+    return float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
+
+
 def _is_outdone(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> bool:
     """Return whether it fits far better than by chance with one effect exchanged for one of more parameters.
 
     Then something is left, although no kind of number shows it by itself. The other explanation is not named for it: a
     free velocity at each distance follows whatever drifts, but has too many parameters to be likelier than a sway.
     """
-    residual = search.comparison.residual
-    explained = float(np.sum(residual**2) - np.sum((residual - fitted.template) ** 2))
+    explained = _explained(search, fitted)
     for other in exchanged:
-        gain, more = fitted.misfit - other.misfit, _freedom(other) - _freedom(fitted)
+        gain, more = fitted.misfit - other.misfit, other.freedom - fitted.freedom
         if gain > LIMITS.adequate * explained and stats.chi2.sf(gain, max(more, 1)) < LIMITS.outdone:
             return True
     return False
-
-
-def _freedom(fitted: Fitted) -> int:
-    return sum(map(len, fitted.free))
 
 
 def _is_adequate(search: Search, fitted: Fitted, left: Leftover) -> bool:

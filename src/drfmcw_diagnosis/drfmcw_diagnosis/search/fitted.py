@@ -95,6 +95,11 @@ class Fitted:
         """Names of the parameters that are fitted, in order: one kind of effect may have several sets."""
         return tuple(sorted(e.candidate.free for e in self.effects))
 
+    @property
+    def freedom(self) -> int:
+        """Number of parameters that are fitted."""
+        return sum(map(len, self.free))
+
 
 class Freedom:
     """What the parameters of an explanation can follow to first order."""

@@ -423,8 +423,10 @@ class Fitting(Templates):
         stations = {station for _, station in keys}
         return tuple(i for i, name in enumerate(self.comparison.receivers) if stations & {'', name})
 
-    def slopes(self, fitted: Fitted) -> np.ndarray:
-        """Return by how much each parameter of an explanation changes its template (parameters, n)."""
+    def slopes(self, fitted: Fitted | None) -> np.ndarray:
+        """Return by how much each parameter of an explanation changes its template (parameters, n), none of None."""
+        if fitted is None:
+            return np.zeros((0, len(self.comparison.residual)))
         effects = list(fitted.effects)
         around = _undistorted([e.build() for e in effects])
         template = fitted.template if around is None else self._template([e.build() for e in effects], around)

@@ -184,7 +184,7 @@ class Search(Promising):
     def _best_addition(self, current: Fitted | None) -> list[Fitted]:
         beside = current.template if current else 0.0
         residual = self.comparison.residual - beside
-        slopes = self.slopes(current) if current is not None else np.zeros((0, len(residual)))
+        slopes = self.slopes(current)
         freedom = Freedom(self.whitening(slopes)) if current is not None else None
         linearised = self.linearised(current, slopes)
         promising = self._promising(residual, current.effects if current else (), freedom)
@@ -343,7 +343,7 @@ class Search(Promising):
 
         if not tried:
             return []
-        slopes = self.slopes(fitted) if fitted is not None else np.zeros((0, len(self.comparison.residual)))
+        slopes = self.slopes(fitted)
         linearised = self.linearised(fitted, slopes)
         misfit = fitted.misfit if fitted is not None else self.misfit(0.0)
 

@@ -122,7 +122,7 @@ def better_bent(search: Search, current: Fitted | None, united: list[Fitted], fa
             break
         if _is_better_bent(search, current, other, false_alarm_rate):
             near.append(other)
-    return min(near, key=lambda f: sum(map(len, f.free)), default=None)
+    return min(near, key=lambda f: f.freedom, default=None)
 
 
 def _is_better_bent(search: Search, current: Fitted | None, other: Fitted, false_alarm_rate: float) -> bool:
@@ -146,8 +146,8 @@ def _bent_instead_of_events(search: Search, current: Fitted | None, false_alarm_
         return None
     misfit = current.misfit if current is not None else search.misfit(0.0)
     search.set_aside = aside[:0]  # also by how much an event may shift the lines
-    plain = search.trusted(current) if current is not None else None
-    search.trust(plain)
+    search.trust(current)
+    plain = search.again(current) if current is not None else None
     bent = better_bent(search, plain, united_with(search, plain, false_alarm_rate), false_alarm_rate)
     by_chance = len(aside)  # what each direction takes up of the noise
     if bent is not None and bent.misfit < misfit + by_chance + SELECTION.as_well:
