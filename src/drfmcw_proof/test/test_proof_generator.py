@@ -465,6 +465,13 @@ def test_outside_effects_do_what_their_names_say():
     assert np.array_equal(dropped[:, :1024], plain[:, :1024])
     assert np.array_equal(dropped[:, 1024:-3], plain[:, 1027:])
     assert np.array_equal(samples('gain_step', step=6.0, time=5e-4)[:, :1024], plain[:, :1024])
+    time = np.arange(plain.shape[1]) / c.sample_rate
+    for effect, parameters, decibels in (
+        ('gain_ripple', {'ripple': 2.0, 'rate': 3e3, 'phase': 0.4}, 2.0 * np.sin(2.0 * math.pi * 3e3 * time + 0.4)),
+        ('gain_sag', {'sag': 3.0, 'time_constant': 1e-4}, -3.0 * np.exp(-time / 1e-4)),
+    ):
+        expected = plain * 10.0 ** (decibels / 20.0)
+        assert np.abs(samples(effect, **parameters) - expected).max() < 2.0  # both are rounded
     jump, before = with_effect(c, 'phase_jump', 'master', angle=0.3, time=5e-4)
     change = phase_change(jump, before, FIRST, np.array([0]))[0]
     assert change[900] == pytest.approx(0.0, abs=1e-9)
@@ -497,6 +504,14 @@ def test_outside_effects_of_path_and_reference_do_what_their_names_say():
     )
     scene, before = with_effect(c, 'delay_step', 'slave', step=2.0, time=scene.time[6])
     assert np.allclose((scene.delay - before.delay)[5:8], [0.0, 2e-9, 2e-9], atol=1e-20)
+    scene, before = with_effect(c, 'delay_creep', 'slave', rate=2.0)
+    assert np.allclose(scene.delay - before.delay, 2e-12 * scene.time, atol=1e-20)
+    scene, before = with_effect(c, 'weather_wander', amplitude=9.0, period=100.0, phase=0.2)
+    assert np.allclose(scene.refractivity - before.refractivity, 9.0 * np.sin(2.0 * math.pi * scene.time / 100.0 + 0.2))
+    scene, _ = with_effect(dataclasses.replace(c, distances=(60.0, 150.0, 90.0)), 'reference_backlash', play=0.02)
+    assert np.allclose((scene.reference() - scene.distance)[rows], [-0.01, -0.01, 0.01], atol=1e-12)
+    scene, _ = with_effect(c, 'reference_graduation', amplitude=0.02, period=16.0, phase=0.3)
+    assert np.allclose(scene.reference()[rows], far + 0.02 * np.sin(2.0 * math.pi * far / 16.0 + 0.3), atol=1e-12)
     scene, before = with_effect(c, 'gain_temperature', 'slave', slope=0.1)
     assert np.allclose(scene.gain[FIRST], before.gain[FIRST])
     above = scene.board[SECOND] - c.stations[SECOND].calibration_temperature

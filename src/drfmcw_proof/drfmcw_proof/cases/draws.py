@@ -215,6 +215,20 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         },
         'delay_step': lambda: {'step': sign, 'time': float(uniform(0.25, 0.75)) * condition.duration},
         'gain_temperature': lambda: {'slope': sign},
+        'gain_ripple': lambda: {'ripple': 1.0, 'rate': between(1e3, 1e4), 'phase': float(uniform(0.0, 6.28))},
+        'gain_sag': lambda: {'sag': sign, 'time_constant': between(3e-5, 2e-4)},
+        'delay_creep': lambda: {'rate': sign},
+        'weather_wander': lambda: {
+            'amplitude': 1.0,
+            'period': float(uniform(0.3, 1.2)) * condition.duration,
+            'phase': float(uniform(0.0, 6.28)),
+        },
+        'reference_backlash': lambda: {'play': sign},
+        'reference_graduation': lambda: {
+            'amplitude': 1.0,
+            'period': between(0.02, 0.5) * max(condition.distances),
+            'phase': float(uniform(0.0, 6.28)),
+        },
     }
     applied = Applied(effect, station, shapes[effect]())
     if effect == 'reference_lag':  # a late reference is right where nothing moves

@@ -44,10 +44,27 @@ def _missing_codes(scene: Scene, stations: tuple[int, ...], p: Parameters) -> No
 @_outside('gain_step', 'station', {'step': 'dB', 'time': 's'}, linear('step', 0.02, 20.0))
 def _gain_step(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """The IF amplifier's gain changes at a time within the sweep."""
+    _weigh(scene, stations, lambda u: p['step'] * (u >= p['time']))
+
+
+@_outside('gain_ripple', 'station', {'ripple': 'dB', 'rate': 'Hz', 'phase': 'rad'}, linear('ripple', 0.02, 20.0))
+def _gain_ripple(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """A standing wave in front of the receiver: its gain goes up and down over the ramp's frequencies."""
+    _weigh(scene, stations, lambda u: p['ripple'] * np.sin(2.0 * math.pi * p['rate'] * u + p['phase']))
+
+
+@_outside('gain_sag', 'station', {'sag': 'dB', 'time_constant': 's'}, linear('sag', 0.02, 20.0))
+def _gain_sag(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The IF amplifier's supply gives way when the sweep begins, and recovers."""
+    _weigh(scene, stations, lambda u: -p['sag'] * np.exp(-u / p['time_constant']))
+
+
+def _weigh(scene: Scene, stations: tuple[int, ...], decibels: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Change the IF amplifier's gain [dB] by the time in the sweep [s]."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
         u = scene.step(station)[rows, None] * np.arange(x.shape[1])
-        return (x * 10.0 ** (p['step'] / 20.0 * (u >= p['time']))).astype(x.dtype)
+        return (x * 10.0 ** (decibels(u) / 20.0)).astype(x.dtype)
 
     for s in stations:
         scene.analogue[s].append((Stage.AMPLIFIER, hook))
@@ -196,6 +213,40 @@ def _delay_step(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """Somebody moves a connector: from a time on the delay is another one."""
     for _ in stations:
         scene.delay = scene.delay + 1e-9 * p['step'] * (scene.time >= p['time'])
+
+
+@_outside('delay_creep', 'station', {'rate': 'ps/s'}, linear('rate', 0.05, 1e4))
+def _delay_creep(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """A cable takes up water: its delay grows with time, whatever the temperature."""
+    for _ in stations:
+        scene.delay = scene.delay + 1e-12 * p['rate'] * scene.time
+
+
+@_outside(
+    'weather_wander', 'path', {'amplitude': '1e-6', 'period': 's', 'phase': 'rad'}, linear('amplitude', 1.0, 500.0)
+)
+def _weather_wander(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """Sun and shade move over the way: its air changes while the weather sensor stands still."""
+    turns = scene.time / p['period']
+    scene.refractivity = scene.refractivity + p['amplitude'] * np.sin(2.0 * math.pi * turns + p['phase'])
+
+
+@_outside('reference_backlash', 'reference', {'play': 'm'}, linear('play', 5e-3, 1.0))
+def _reference_backlash(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """A measuring wheel has play: it reads too far where the crane came from afar, and too near else."""
+    direction = np.sign(np.diff(scene.condition.distances, prepend=0.0))[scene.setting]
+    scene.reference_errors.append(lambda r: -0.5 * p['play'] * direction)
+
+
+@_outside(
+    'reference_graduation',
+    'reference',
+    {'amplitude': 'm', 'period': 'm', 'phase': 'rad'},
+    linear('amplitude', 5e-3, 1.0),
+)
+def _reference_graduation(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """A coded band is not evenly divided: its error repeats along the rail."""
+    scene.reference_errors.append(lambda r: p['amplitude'] * np.sin(2.0 * math.pi * r / p['period'] + p['phase']))
 
 
 @_outside('gain_temperature', 'station', {'slope': 'dB/K'}, linear('slope', 0.005, 2.0))
