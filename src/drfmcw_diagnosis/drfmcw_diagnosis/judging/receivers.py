@@ -2,17 +2,18 @@
 
 In: an effect of an explanation and what the explanation leaves. Out: the rest of the line's amplitude, or of the phases
 over the sweep, over the effect's change; how much of the noise repeats in each sweep, as what an event within the ramp
-leaves beside the line does; and how much is left at multiples of a line's frequency.
+leaves beside the line does; how much is left at multiples of a line's frequency, and which lines are harmonics.
 """
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
 
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 
-from ..search.fitted import FittedEffect
+from ..search.fitted import Fitted, FittedEffect
 from ..search.fitting import Fitting
 
 
@@ -27,6 +28,7 @@ class ReceiverLimits:
     multiples: int = 9  # highest multiple of a line's frequency that is looked at; chosen
     apart: float = 2.0  # bins by which a multiple may be apart from where it is looked for; chosen
     each: float = 0.15  # such bins for each multiple more; chosen: how well a line's place among the bins is known
+    coincident: float = 0.2  # bins by which a harmonic may be apart from a multiple of its fundamental; chosen
     chance: float = 6.0  # standard deviations of chance above which something is left at multiples [1]; chosen
 
 
@@ -113,30 +115,78 @@ def left_at_multiples(fitting: Fitting, effect: FittedEffect, rest: np.ndarray, 
         rest: what the explanation leaves, whitened (n,).
         added: what the effect adds to it, likewise.
     """
+    c, line = fitting.comparison, _line(fitting, effect, added)
+    if line is None:
+        return 0.0
+    multiples = _multiples(line.place, len(line.near)) & ~line.near
+    left = rest[line.rows].reshape(len(c.members), -1)[:, multiples]
+    count = np.count_nonzero(left)
+    excess = float(np.sum(left**2)) - count - LIMITS.chance * math.sqrt(2.0 * count)
+    return max(excess, 0.0) / float(added @ added)
+
+
+def harmonics(fitting: Fitting, fitted: Fitted) -> list[bool]:
+    """Return which effects are lines of one receiver of which one is a harmonic of another, stronger one.
+
+    What has a period has them all, so neither is a line of its own. Lines that have nothing to do with each other
+    stand so with a chance below one percent.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation.
+    """
+    alone = (fitting.whitening(fitting.comparison.template([e.build()])) for e in fitted.effects)
+    lines = [_line(fitting, effect, added) for effect, added in zip(fitted.effects, alone, strict=True)]
+    found = [False] * len(lines)
+    for (i, one), (j, other) in itertools.permutations(enumerate(lines), 2):
+        if one is None or other is None or one.receiver != other.receiver or one.strength < other.strength:
+            continue
+        numbers = np.arange(2, LIMITS.multiples + 1)
+        apart = np.abs(_folded(numbers * one.place, len(one.near)) - other.place)
+        if np.any(apart < LIMITS.coincident):
+            found[i] = found[j] = True
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _Line:
+    """A single line in the spectrum of B bins."""
+
+    receiver: int
+    rows: np.ndarray  # where the spectrum's numbers stand
+    place: float  # [bins]
+    near: np.ndarray  # bins that hold it (B,)
+    strength: float  # the larger, the stronger
+
+
+def _line(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> _Line | None:
+    """Return the line that an effect is, None where it is none; arguments as of `left_at_multiples`."""
     c, total = fitting.comparison, float(added @ added)
     for kind in (k for k in c.kinds if k.sparse):
         for i in receivers_of(fitting, effect):
             rows = c.rows(kind, i)
-            power = np.sum(added[rows].reshape(len(c.members), -1) ** 2, axis=0)
-            at, bins = int(np.argmax(power)), np.arange(len(power))
+            shown = np.abs(added[rows].reshape(len(c.members), -1))
+            at, bins = int(np.argmax(np.sum(shown**2, axis=0))), np.arange(shown.shape[1])
             near = np.abs(bins - at) <= LIMITS.about
-            if float(power[near].sum()) < LIMITS.by_line * total:
+            if float(np.sum(shown[:, near] ** 2)) < LIMITS.by_line * total:
                 continue
-            place = float(np.average(bins[near], weights=power[near]))
-            multiples = _multiples(place, len(power)) & ~near
-            left = rest[rows].reshape(len(c.members), -1)[:, multiples]
-            count = np.count_nonzero(left)
-            excess = float(np.sum(left**2)) - count - LIMITS.chance * math.sqrt(2.0 * count)
-            return max(excess, 0.0) / total
-    return 0.0
+            power = np.sum(shown[:, near] ** 3, axis=0)  # of which numbers are the cube root, as normals
+            place = float(np.average(bins[near], weights=power))
+            return _Line(i, rows, place, near, float(power.max()))
+    return None
+
+
+def _folded(place: np.ndarray, count: int) -> np.ndarray:
+    """Return at which of a number of bins a frequency [bins] is sampled."""
+    turned = place % (2.0 * (count - 1))
+    return np.minimum(turned, 2.0 * (count - 1) - turned)
 
 
 def _multiples(place: float, count: int) -> np.ndarray:
     """Return which of a number of bins lie at multiples of a place among them, folded, or at parts of it (B,)."""
     found = np.zeros(count, bool)
     for number in range(2, LIMITS.multiples + 1):
-        folded = (number * place) % (2.0 * (count - 1))
-        for middle in (min(folded, 2.0 * (count - 1) - folded), place / number):
+        for middle in (_folded(np.array(number * place), count), place / number):
             found |= np.abs(np.arange(count) - middle) <= LIMITS.apart + LIMITS.each * number
     return found
 

@@ -31,7 +31,8 @@ What has a random phase in each sweep is in doubt where its size scatters as tha
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
 decibels: whatever changes a receiver's gain changes both; and where a third of it repeats in each sweep, as what an
 event within the ramp leaves there does. What the received power alone shows is in doubt where the amplitude over the
-sweep is unexplained by half as much: whatever changes that changes its mean. See `receivers`.
+sweep is unexplained by half as much: whatever changes that changes its mean. Lines of one receiver are in doubt where
+something is left at their multiples, or one is a harmonic of another. See `receivers`.
 """
 
 import dataclasses
@@ -53,6 +54,7 @@ from .curves import bent, beyond_steps
 from .paths import LIMITS as PATHS
 from .paths import beyond_paths
 from .receivers import (
+    harmonics,
     left_at_multiples,
     of_level,
     repeated_noise,
@@ -128,6 +130,7 @@ class Standing:
     beyond_event: float = np.inf  # of effects that show over the sweep alone
     beyond_path: float = np.inf  # of second paths
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
+    is_harmonic: bool = False  # or the fundamental of another line of the explanation
 
     @property
     def stands(self) -> bool:
@@ -147,6 +150,7 @@ class Standing:
             and self.uneven_power < LIMITS.uneven_power
             and self.repeated < LIMITS.repeated
             and self.multiples < LIMITS.multiples
+            and not self.is_harmonic
             and self.inflated < LIMITS.inflated
             and self.over_aside > LIMITS.faint
             and not self.is_cancelled
@@ -207,7 +211,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
-    paths = beyond_paths(fitting, fitted)
+    paths, periodic = beyond_paths(fitting, fitted), harmonics(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
     aside = np.any(fitting.set_aside != 0.0, axis=0)
@@ -274,6 +278,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 beyond_event=beyond[number],
                 beyond_path=paths[number],
                 one_size=one_size[number],
+                is_harmonic=periodic[number],
             )
         )
     return found

@@ -13,6 +13,7 @@ from ..search.limits import SELECTION
 from ..search.search import Search
 from ..search.selection import Found, better_bent, forward, pruned, united_with
 from . import curves, paths, standing, steadiness
+from .receivers import harmonics
 from .rivals import rivals, widened
 from .standing import standings
 
@@ -55,9 +56,10 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     """Return the verdict on a recording.
 
     Effects that leave nothing beyond chance explain it, unless an event without a name explains as much as one of them,
-    a modulation scatters as noise does, or two effects nearly cancel. A remainder far smaller than what they explain is
-    reported and changes nothing, provided that every effect stands by itself beside it, see `standing`: a small effect
-    may imitate what a large one leaves. Beside a larger one only those effects are named that stand.
+    a modulation scatters as noise does, two effects nearly cancel, or one line is a harmonic of another. A remainder
+    far smaller than what they explain is reported and changes nothing, provided that every effect stands by itself
+    beside it, see `standing`: a small effect may imitate what a large one leaves. Beside a larger one only those
+    effects are named that stand.
 
     Args:
         search: of the recording.
@@ -244,7 +246,8 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
         as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
         as_path = min(paths.beyond_paths(search, fitted)) < paths.LIMITS.beaten
-        return not (as_event or as_step or as_noise or as_curve or as_path)
+        as_period = any(harmonics(search, fitted))
+        return not (as_event or as_step or as_noise or as_curve or as_path or as_period)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     explained = _explained(search, fitted)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}
