@@ -18,6 +18,7 @@ from drfmcw_diagnosis.search import events
 from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_diagnosis.search.limits import SEARCH
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.selection import searched
 from drfmcw_diagnosis.search.starts.bank import Candidate, recipes
@@ -483,6 +484,43 @@ def test_a_line_of_something_with_a_period_is_no_spur(tmp_path):
     found = search.trusted(search.fit([beginning('spur', 'master', values)]))
     (standing,) = standings(search, found)
     assert standing.has_evidence and not standing.stands
+
+
+@pytest.mark.parametrize(
+    ('concealed', 'periodic'),
+    [
+        ((Applied('adc_dither', 'master', {'amplitude': 6.0, 'period': 21.42}),), True),
+        (
+            tuple(
+                Applied('spur', 'master', {'frequency': frequency, 'level': level})
+                for frequency, level in ((95583.0, -64.4), (288950.0, -84.0))
+            ),
+            False,
+        ),
+    ],
+    ids=['a triangle', 'two lines a bin from such'],
+)
+def test_a_line_and_its_harmonic_are_no_two_spurs(tmp_path, concealed, periodic):
+    """What has a period has both lines, and they leave nothing; the recordings are fixed."""
+    search = Search(compared(tmp_path / 'r', 62, *concealed), without=set(Effect.registry) - {'spur'})
+    lines = [
+        beginning('spur', 'master', {'frequency': number * 2.048e6 / 21.42 + beside, 'level': level})
+        for number, beside, level in ((1, 0.0, -64.0), (3, 0.0 if periodic else 2100.0, -84.0))
+    ]
+    found = search.trusted(search.fit(lines))
+    assert not any(x.kind == 'lines' and x.probability < 0.01 for x in leftovers(search, found))
+    assert [standing.stands for standing in standings(search, found)] == [not periodic] * 2
+
+
+def test_what_fits_alike_at_the_other_station_is_found_beside_something_unknown(tmp_path):
+    """A hum of either oscillator is in both lines, whatever else the scan for its rate finds; a fixed recording."""
+    hum = {'deviation': 868.8, 'rate': 4076.7}
+    effects = Applied('frequency_modulation', 'slave', hum), Applied('rail_bend', None, {'height': 0.46, 'length': 824})
+    search = Search(compared(tmp_path / 'r', 62, *effects), without=set(Effect.registry) - {'frequency_modulation'})
+    found = search.trusted(search.fit([beginning('frequency_modulation', 'master', hum)]))
+    other = next(f for f in search.exchanges(found) if f.keys == (('frequency_modulation', 'slave'),))
+    assert abs(other.misfit - found.misfit) < SEARCH.rival
+    assert other.effects[0].values == pytest.approx(found.effects[0].values, rel=0.05)
 
 
 def test_twins_promise_the_same(tmp_path):

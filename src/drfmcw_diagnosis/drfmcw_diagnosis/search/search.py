@@ -308,11 +308,14 @@ class Search(Promising):
         return sorted([*found.values(), *elsewhere], key=lambda f: -f.evidence)
 
     def _elsewhere(self, effect: FittedEffect, rest: Fitted, known: Sequence[tuple]) -> list[tuple[Candidate, dict]]:
-        """Return an effect as it is, at each other station of the pair where it is not among the starts known."""
+        """Return an effect as it is, at each other station of the pair where it is not among the starts known.
+
+        Of many places that a parameter may have, the starts need not hold its own.
+        """
         own = effect.candidate
         if own.acts:
             return []  # what a receiver does to its samples shows at this receiver
-        tried = {candidate.key for candidate, _ in known}
+        tried = {candidate.key for candidate, _ in known if not candidate.recipe.scanned}
         stations = [s for s in self.comparison.data.stations if own.station not in ('', s)]
         moved = [dataclasses.replace(own, station=s) for s in stations if (own.effect, s) not in tried]
         return [(c, effect.values) for c in moved if self._is_other(c, effect.values, rest.effects)]
