@@ -240,7 +240,8 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
                 stated = same['parameters'].get(f'{name}[{index}]' if several else name)
                 if name == 'phase' or not stated or not stated['value'] or not stated['std']:
                     continue
-                estimate = abs(stated['value']) if unsigned else stated['value']
+                is_level = stated['unit'].startswith('dB')  # which has a sign of its own
+                estimate = abs(stated['value']) if unsigned and not is_level else stated['value']
                 if math.isfinite(true):
                     yield Pull(truth['effect'], name, float(true), estimate, stated['std'])
 

@@ -221,6 +221,13 @@ def test_a_sign_that_a_phase_undoes_is_no_error():
     assert pull.parameter == 'deviation' and pull.pull == 0.0
 
 
+def test_a_level_keeps_its_sign_beside_a_phase():
+    stated = found(ECHO)
+    stated['parameters']['relative_power'] |= {'value': -29.0, 'std': 0.5, 'unit': 'dB'}
+    pulls = {p.parameter: p.pull for p in judge(truth(ECHO), finding('explained', stated)).pulls}
+    assert pulls == pytest.approx({'excess_range': 0.0, 'relative_power': 2.0})
+
+
 def test_values_per_setting_are_compared_one_by_one():
     motion = {'effect': 'target_motion', 'station': None, 'parameters': {'velocity': [0.5, -1.0]}}
     stated = {f'velocity[{i}]': {'value': v, 'std': 0.1, 'unit': 'm/s'} for i, v in enumerate((0.6, -1.0))}

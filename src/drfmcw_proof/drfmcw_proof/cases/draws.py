@@ -223,7 +223,7 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'period': float(uniform(0.3, 1.2)) * condition.duration,
             'phase': float(uniform(0.0, 6.28)),
         },
-        'reference_backlash': lambda: {'play': sign},
+        'reference_backlash': lambda: {'play': sign, 'from_afar': floats(random.permutation(np.arange(n) % 2))},
         'reference_graduation': lambda: {
             'amplitude': 1.0,
             'period': between(0.02, 0.5) * max(condition.distances),

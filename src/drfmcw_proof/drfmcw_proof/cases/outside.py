@@ -231,10 +231,10 @@ def _weather_wander(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
     scene.refractivity = scene.refractivity + p['amplitude'] * np.sin(2.0 * math.pi * turns + p['phase'])
 
 
-@_outside('reference_backlash', 'reference', {'play': 'm'}, linear('play', 5e-3, 1.0))
+@_outside('reference_backlash', 'reference', {'play': 'm', 'from_afar': '1'}, linear('play', 5e-3, 1.0))
 def _reference_backlash(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
     """A measuring wheel has play: it reads too far where the crane came from afar, and too near else."""
-    direction = np.sign(np.diff(scene.condition.distances, prepend=0.0))[scene.setting]
+    direction = 1.0 - 2.0 * np.array(p['from_afar'])[scene.setting]
     scene.reference_errors.append(lambda r: -0.5 * p['play'] * direction)
 
 
