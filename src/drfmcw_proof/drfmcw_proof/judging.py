@@ -240,7 +240,7 @@ def _pulls(truths: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any
                 stated = same['parameters'].get(f'{name}[{index}]' if several else name)
                 if name == 'phase' or not stated or not stated['value'] or not stated['std']:
                     continue
-                is_level = stated['unit'].startswith('dB')  # which has a sign of its own
+                is_level = stated['unit'].startswith('dB')  # no phase gives its sign
                 estimate = abs(stated['value']) if unsigned and not is_level else stated['value']
                 if math.isfinite(true):
                     yield Pull(truth['effect'], name, float(true), estimate, stated['std'])
