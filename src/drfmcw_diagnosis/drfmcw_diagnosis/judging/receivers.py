@@ -135,8 +135,8 @@ def harmonics(fitting: Fitting, fitted: Fitted) -> list[bool]:
         fitting: of the recording.
         fitted: the explanation.
     """
-    alone = (fitting.whitening(fitting.comparison.template([e.build()])) for e in fitted.effects)
-    lines = [_line(fitting, effect, added) for effect, added in zip(fitted.effects, alone, strict=True)]
+    pairs = zip(fitted.effects, fitting.added_alone(fitted), strict=True)
+    lines = [_line(fitting, effect, added) for effect, added in pairs]
     found = [False] * len(lines)
     for (i, one), (j, other) in itertools.permutations(enumerate(lines), 2):
         if one is None or other is None or one.receiver != other.receiver or one.strength < other.strength:
@@ -176,17 +176,17 @@ def _line(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> _Line | 
     return None
 
 
-def _folded(place: np.ndarray, count: int) -> np.ndarray:
-    """Return at which of a number of bins a frequency [bins] is sampled."""
+def _folded(place: np.ndarray | float, count: int) -> np.ndarray:
+    """Return at which of a number of bins frequencies [bins] are sampled."""
     turned = place % (2.0 * (count - 1))
-    return np.minimum(turned, 2.0 * (count - 1) - turned)
+    return np.asarray(np.minimum(turned, 2.0 * (count - 1) - turned))
 
 
 def _multiples(place: float, count: int) -> np.ndarray:
     """Return which of a number of bins lie at multiples of a place among them, folded, or at parts of it (B,)."""
     found = np.zeros(count, bool)
     for number in range(2, LIMITS.multiples + 1):
-        for middle in (_folded(np.array(number * place), count), place / number):
+        for middle in (_folded(number * place, count), place / number):
             found |= np.abs(np.arange(count) - middle) <= LIMITS.apart + LIMITS.each * number
     return found
 

@@ -305,8 +305,7 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
 
 def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
     """Return the power of what each effect adds over that of its sum with all effects that add much the same."""
-    templates = [fitting.comparison.template([e.build()]) for e in fitted.effects]
-    added = fitting.whitening(np.array(templates))
+    added = fitting.added_alone(fitted)
     products = added @ added.T
     length = np.sqrt(np.maximum(np.diag(products), 1e-30))
     alike = np.abs(products) > LIMITS.alike * np.outer(length, length)

@@ -423,6 +423,10 @@ class Fitting(Templates):
         stations = {station for _, station in keys}
         return tuple(i for i, name in enumerate(self.comparison.receivers) if stations & {'', name})
 
+    def added_alone(self, fitted: Fitted) -> np.ndarray:
+        """Return what each effect of an explanation adds by itself, whitened (effects, n)."""
+        return self.whitening(np.array([self.comparison.template([e.build()]) for e in fitted.effects]))
+
     def slopes(self, fitted: Fitted | None) -> np.ndarray:
         """Return by how much each parameter of an explanation changes its template (parameters, n), none of None."""
         if fitted is None:

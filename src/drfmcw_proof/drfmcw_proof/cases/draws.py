@@ -132,6 +132,11 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
         """Return a number of uniform logarithm."""
         return float(np.exp(uniform(np.log(low), np.log(high))))
 
+    def wandering() -> dict[str, float]:
+        """Return what changes slowly while the recording is made."""
+        period = float(uniform(0.3, 1.2)) * condition.duration
+        return {'amplitude': 1.0, 'period': period, 'phase': float(uniform(0.0, 6.28))}
+
     shapes: dict[str, Callable[[], dict[str, Any]]] = {
         'reference_clock_offset': lambda: {'deviation': sign},
         'reference_clock_temperature': lambda: {'slope': sign},
@@ -208,21 +213,13 @@ def template(random: np.random.Generator, effect: str, condition: Condition) -> 
             'phase': float(uniform(0.0, 6.28)),
         },
         'rail_bend': lambda: {'height': sign, 'length': float(uniform(0.8, 1.6)) * max(condition.distances)},
-        'reference_wander': lambda: {
-            'amplitude': 1.0,
-            'period': float(uniform(0.3, 1.2)) * condition.duration,
-            'phase': float(uniform(0.0, 6.28)),
-        },
+        'reference_wander': wandering,
         'delay_step': lambda: {'step': sign, 'time': float(uniform(0.25, 0.75)) * condition.duration},
         'gain_temperature': lambda: {'slope': sign},
         'gain_ripple': lambda: {'ripple': 1.0, 'rate': between(1e3, 1e4), 'phase': float(uniform(0.0, 6.28))},
         'gain_sag': lambda: {'sag': sign, 'time_constant': between(3e-5, 2e-4)},
         'delay_creep': lambda: {'rate': sign},
-        'weather_wander': lambda: {
-            'amplitude': 1.0,
-            'period': float(uniform(0.3, 1.2)) * condition.duration,
-            'phase': float(uniform(0.0, 6.28)),
-        },
+        'weather_wander': wandering,
         'reference_backlash': lambda: {'play': sign, 'from_afar': floats(random.permutation(np.arange(n) % 2))},
         'reference_graduation': lambda: {
             'amplitude': 1.0,
