@@ -509,12 +509,10 @@ def test_published_recording_gives_the_offline_ranges(tmp_path):
         live.graph.start('fusion', FUSION, *PATIENT)  # at full speed one station may fall behind the other
         for station in ('master', 'slave'):
             live.graph.start(f'station_{station}', STATION, '--station', station)
-        heard = {
-            ('fusion', '/fusion: Pairing'),
-            ('master', '/master/station: Sweeps'),
-            ('slave', '/slave/station: Sweeps'),
-        }
-        live.wait(lambda: heard <= live.diagnostics.keys(), 'stations and fusion')
+        # a sweep that is played before fusion and a station have found each other, up to 3 s, has no range
+        answers = {f'/{name}/station: Sweeps': f'subscribers of /{name}/beat_frequency' for name in ('master', 'slave')}
+        live.wait(lambda: all(live.value(*answer) == '1' for answer in answers.items()), 'fusion at both stations')
+        live.wait(lambda: live.monitor.wait_for_publishers(1.0), 'the monitor at fusion')
         live.graph.start('player', REPLAY, str(PRACTICE), '--publish', '--rate', '0')
         assert live.wait_for_end('player') == 0, live.logs()
         live.wait(lambda: live.monitor.total >= 336, 'all ranges')

@@ -29,7 +29,7 @@ from ..work.progress import Progress
 from .files import BagReader, typestore
 
 _SETTLE_TIME = 0.25  # between settings and the first sweep that uses them, so that they arrive first [s]
-_QUIET_TIME = 0.5  # without a new subscriber, after which all count as there [s]
+_QUIET_TIME = 3.5  # without a new subscriber, after which all count as there: DDS announces every 3 s who is there [s]
 _LONGEST_PAUSE = 1.0  # a longer one, of a recording made in pieces, is cut to this [s]
 _WINDOW = 20  # unanswered sweeps per station at full speed; with 100, on one core, weather came after its sweeps
 _ANSWER_LIMIT = 1.0  # how long such a wait may last before playing goes on [s]
@@ -79,7 +79,8 @@ class PlayerNode(Node):
     def wait_for_subscribers(self, limit: float) -> list[str]:
         """Wait at most `limit` seconds until each station has a listener; return the stations that have none.
 
-        Who listens to weather and status is matched separately: also wait until no further subscriber appears.
+        Who listens to weather, status and settings is matched separately: also wait until no further subscriber appears.
+        Settings end with this process, so that a fusion that is found too late would never have them.
         """
         end = time.monotonic() + limit
         matched: dict[tuple[str, str], int] = {}
