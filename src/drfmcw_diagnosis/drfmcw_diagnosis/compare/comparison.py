@@ -215,6 +215,10 @@ class Comparison:
         """Return by how much the ramp with `effects` changes from sweep to sweep (G, 2 S, K), see `Predictor`."""
         return self._model.changing(tuple(effects))
 
+    def uneven(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return by how much distortion among `effects` makes noise uneven (G, S, NUMBERS), see `Predictor.uneven`."""
+        return self._model.uneven(tuple(effects))
+
     def template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`.
 

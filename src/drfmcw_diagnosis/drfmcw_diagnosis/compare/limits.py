@@ -40,6 +40,9 @@ class ModelLimits:
     all_bursts: float = 0.1
     """Of bursts [1], of which a recording and the sweeps simulated for it hold some hundred; chosen."""
 
+    uneven: float = 1.0
+    """Of what a distortion makes uneven from sweep to sweep as bursts do [1]; chosen."""
+
     bursts_rest: float = 1.0
     """Standard deviations of the noise that bursts may leave: one that the sweep's end cuts off looks like noise;
     chosen."""

@@ -317,6 +317,27 @@ class Predictor:
         noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])
         return noise, features.harmonic, features.piled
 
+    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
+    def uneven(self, effects: tuple[Effect, ...]) -> np.ndarray:
+        """Return by how much distortion makes noise uneven (G, S, NUMBERS), of a setting at the first of its groups.
+
+        Sweeps as strong as the recorded ones are simulated among the same noise with and without the distortion.
+        """
+        effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
+        undistorted = tuple(e for e in effects if not e.distorts)
+        result = np.zeros(self.std['burst'].shape)
+        for part in self.recorded.parts:
+            after, before = (self._unevenness(part, each) for each in (effects, undistorted))
+            result[part.groups[0]] = after - before
+        return result
+
+    def _unevenness(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+        """Return how unevenly noise is spread over simulated sweeps as strong as the recorded ones (S, NUMBERS)."""
+        copies, count = SIMULATION.bursting, len(part.groups)
+        found = self.simulated.jittered(part, effects, True, copies, quiet=True, as_measured=True)
+        quiet, surge = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (found.quiet, found.surge))
+        return np.array([unevenness(quiet[:, :, i], surge[:, :, i])[0] for i in range(quiet.shape[2])])
+
     def bursts(self, part: Part, effects: Sequence[Effect]) -> Bursts:
         """Return what bursts do, by sweeps simulated among the same noise with and without them.
 

@@ -272,7 +272,10 @@ class Fitting(Templates):
         return alone + grouped
 
     def _whitening_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> Whitening:
-        """Return the whitening of a fit: bursts that a group holds by chance do not drive it, see `doubt`."""
+        """Return the whitening of a fit: bursts that a group holds by chance do not drive it.
+
+        Where there are bursts already, their numbers are in doubt for that, see `doubt`: once is enough.
+        """
         if not any(c.kind.bursts for c in chosen):
             return self.whitening
         doubt = np.zeros(len(template))
@@ -281,7 +284,7 @@ class Fitting(Templates):
                 rows = self.comparison.rows(kind)
                 doubt[rows] = kind.by_chance(template[rows], self.comparison.std[kind.name].ravel())
         directions = np.concatenate([self.comparison.common_errors, self.set_aside])
-        return Whitening(self.whitening.weight / np.sqrt(1.0 + doubt**2), directions)
+        return Whitening(np.minimum(self.whitening.weight, 1.0 / np.sqrt(1.0 + doubt**2)), directions)
 
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""
@@ -415,6 +418,7 @@ class Fitting(Templates):
             bursting=any(e.bursts for e in acting),
             distorted=self._receivers(e.key for e in fitted.effects if e.candidate.kind.distorts),
             incoherence=sum(incoherent),
+            uneven=lambda: c.uneven([e.build() for e in fitted.effects]),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
 

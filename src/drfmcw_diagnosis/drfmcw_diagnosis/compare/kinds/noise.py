@@ -26,13 +26,17 @@ class Burst(Kind):
     def measured(self, evidence: Evidence) -> Measured:
         """Return the unevenness of all sweeps; nothing is compared where groups are too small to scatter.
 
-        Bursts may be why sweeps were left out, so groups that are whole say how often they come.
+        Bursts may be why sweeps were left out, so groups that are whole say how often they come. A setting without any
+        says nothing, unless no setting has one.
         """
         recorded, sweeps = evidence.recorded, evidence.recorded.sweeps
         shape = (len(sweeps), len(recorded.heard), NUMBERS)
         values, std = np.zeros(shape), np.full(shape, np.inf)
+        counted = recorded.whole | (not recorded.whole.any())
         for part in recorded.parts if recorded.scatters else ():
-            whole = [sweeps[g] for g in part.groups if recorded.whole[g] or not recorded.whole[part.groups].any()]
+            whole = [sweeps[g] for g in part.groups if counted[g]]
+            if not whole:
+                continue
             count, first = sum(len(s.line) for s in whole), int(part.groups[0])
             for i in range(shape[1]):
                 values[first, i], std[first, i, 0] = unevenness(
@@ -70,16 +74,16 @@ class Burst(Kind):
 
     def by_chance(self, added: np.ndarray, std: np.ndarray) -> np.ndarray:
         """Return how far what bursts add is off by chance: which bursts there are differs in every number."""
-        numbers = added.reshape(-1, NUMBERS)
-        usual = np.sqrt(np.mean(numbers**2, axis=1, keepdims=True))
-        return super().by_chance(np.hypot(numbers, usual).ravel(), std)
+        return super().by_chance(_with_usual(added.reshape(-1, NUMBERS)), std)
 
-    def uncertain(self, explained: Explained, size: np.ndarray) -> np.ndarray:
-        """Doubt all of a distorted station: the stronger sweeps are distorted more, harmonics come and go as bursts."""
+    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
+        """Doubt what a distortion makes uneven: it distorts the stronger sweeps more, harmonics come and go as bursts."""
+        doubt = super().doubt(explained, template, nonlinear)
         if explained.distorting:
-            by_station = size.reshape(len(explained.recorded.members), len(explained.recorded.heard), -1)
-            by_station[:, list(explained.distorted)] = np.inf
-        return size
+            added, std = explained.uneven(), explained.std[self.name]
+            numbers = self.whitened(added, np.zeros_like(added), std, explained.recorded).reshape(-1, NUMBERS)
+            doubt = np.maximum(doubt, MODEL.uneven * _with_usual(numbers))
+        return doubt
 
     def profile(self, recorded: RecordedSweeps, z: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return squares over the distance, the same at all."""
@@ -93,6 +97,16 @@ class Burst(Kind):
         known = np.isfinite(std)
         x = np.array(SURGES.windows, float)
         return Plotted(x[known], residual[known], std[known], curve[known], self.unit)
+
+
+def _with_usual(numbers: np.ndarray) -> np.ndarray:
+    """Return sizes of rows of numbers (rows, K), none but the first below the usual one of its row (rows K,).
+
+    The first, of the power itself, may be far larger than the others, which say how often it rises.
+    """
+    sizes = np.abs(numbers)
+    sizes[:, 1:] = np.hypot(sizes[:, 1:], np.sqrt(np.mean(sizes[:, 1:] ** 2, axis=1, keepdims=True)))
+    return sizes.ravel()
 
 
 def _steady(part: Part, station: int) -> Steady | None:
