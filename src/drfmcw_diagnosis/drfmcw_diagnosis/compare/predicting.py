@@ -336,7 +336,7 @@ class Predictor:
         copies, count = SIMULATION.bursting, len(part.groups)
         found = self.simulated.jittered(part, effects, True, copies, quiet=True, as_measured=True)
         quiet, surge = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (found.quiet, found.surge))
-        return np.array([unevenness(quiet[:, :, i], surge[:, :, i])[0] for i in range(quiet.shape[2])])
+        return np.array([unevenness(list(quiet[:, :, i]), list(surge[:, :, i]))[0] for i in range(quiet.shape[2])])
 
     def bursts(self, part: Part, effects: Sequence[Effect]) -> Bursts:
         """Return what bursts do, by sweeps simulated among the same noise with and without them.

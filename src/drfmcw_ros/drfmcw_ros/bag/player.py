@@ -79,7 +79,7 @@ class PlayerNode(Node):
     def wait_for_subscribers(self, limit: float) -> list[str]:
         """Wait at most `limit` seconds until each station has a listener; return the stations that have none.
 
-        Who listens to weather, status and settings is matched separately: also wait until no further subscriber appears.
+        Others listen to weather, status and settings alone: also wait until no further subscriber appears.
         Settings end with this process, so that a fusion that is found too late would never have them.
         """
         end = time.monotonic() + limit
