@@ -77,7 +77,7 @@ class Burst(Kind):
         return super().by_chance(_with_usual(added.reshape(-1, NUMBERS)), std)
 
     def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
-        """Doubt what a distortion makes uneven: of stronger sweeps it distorts more, harmonics come and go as bursts."""
+        """Doubt what a distortion makes uneven: harmonics of strong sweeps come and go as bursts do."""
         doubt = super().doubt(explained, template, nonlinear)
         if explained.distorting:
             added, std = explained.uneven(), explained.std[self.name]
