@@ -225,6 +225,30 @@ def test_where_bursts_spoil_sweeps_everywhere_they_are_not_counted(tmp_path):
     assert abs(effect.values['level'] - burst['level']) < 6.0
 
 
+@pytest.mark.parametrize('seed', [50, 51, 52])
+def test_bursts_leave_the_range_its_uncertainty(tmp_path, seed):
+    """The sweeps that hold one are left out of it: its deviation rises by a tenth or two, not eightfold.
+
+    Deviations are pooled over 9 distances of 13 sweeps each; the recordings are fixed.
+    """
+    burst = Applied('interference_burst', 'slave', {'probability': 0.07, 'level': -10.0, 'duration': 3.6e-5})
+    steady, spoilt = (
+        compared(tmp_path / f'r{len(effects)}', seed, *effects, settings=9, sweeps=13) for effects in ((), (burst,))
+    )
+    counts = [np.array([len(rows) for rows in c.members]) for c in (steady, spoilt)]
+    ratio = spoilt.std['range'] * np.sqrt(counts[1]) / (steady.std['range'] * np.sqrt(counts[0]))
+    assert np.all((0.8 < ratio) & (ratio < 1.4))
+
+
+def test_a_burst_at_the_edge_of_a_window_turns_no_target(tmp_path):
+    """No span of the spectrum shows it; the phase of that sweep alone is off, at a distance where all seem calm."""
+    burst = Applied('interference_burst', 'slave', {'probability': 0.25, 'level': -10.0, 'duration': 3e-5})
+    weak = Applied('amplitude_loss', None, {'loss': 22.3})
+    comparison = compared(tmp_path / 'r', 47, burst, weak, settings=14, sweeps=24)
+    count = np.count_nonzero(comparison.residual[comparison.entries.where(kind='movement')])
+    assert chi_square(comparison, 'movement') < 1.0 + 5.0 * np.sqrt(2.0 / count)  # false failure below 1e-6
+
+
 def test_bursts_show_beside_a_distortion_of_the_same_receiver(tmp_path):
     """An even characteristic makes hardly a sweep louder than others: what bursts do is no doubt of it."""
     concealed = {

@@ -18,6 +18,7 @@ class Evidence:
         known: what is known to expect of them.
         counts: sweeps of each group (G,).
         roots: their square roots (G,).
+        calm_roots: square roots of how many of them hold no burst (G,), see `RecordedSweeps.calm`.
     """
 
     def __init__(self, recorded: RecordedSweeps, known: Known) -> None:
@@ -25,10 +26,16 @@ class Evidence:
         self.recorded, self.known = recorded, known
         self.counts = np.array([len(m) for m in recorded.members])
         self.roots = np.sqrt(self.counts)
+        self.calm_roots = np.sqrt([calm.sum() for calm in recorded.calm])
 
     def mean(self, feature: str) -> np.ndarray:
         """Return the mean over each group's sweeps of a field of `SweepFeatures` (G, ...)."""
         return np.stack([getattr(s, feature).mean(axis=0) for s in self.recorded.sweeps])
+
+    def of_calm(self, feature: str) -> list[np.ndarray]:
+        """Return a field of `SweepFeatures` of each group's sweeps without a burst (n, ...)."""
+        pairs = zip(self.recorded.sweeps, self.recorded.calm, strict=True)
+        return [getattr(sweeps, feature)[calm] for sweeps, calm in pairs]
 
     def samples(self, group: int) -> list[np.ndarray]:
         """Return a group's samples of each station with samples (n, N), with iq (n, 2 N) [LSB]."""

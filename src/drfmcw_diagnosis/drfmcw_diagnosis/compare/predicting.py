@@ -440,10 +440,14 @@ class Predictor:
         moving = [e for e in effects if ActsOn.DELAY in e.acts_on and e.of is Of.PATH and e.stage != Stage.GEOMETRY]
         if not moving:
             return np.zeros(len(part.all))
-        moved = part.all.rows(slice(None))
+        steadied, moved = part.all.rows(slice(None)), part.all.rows(slice(None))
+        for group, local in zip(part.groups, part.local, strict=True):
+            if self.recorded.standing[group]:  # likewise what air adds to each distance
+                for values in (steadied.paths[0].delay, moved.paths[0].delay, moved.range):
+                    values[local] = values[local].mean()
         for effect in moving:
             effect.prepare(moved)
-        way = (moved.paths[0].delay - part.all.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
+        way = (moved.paths[0].delay - steadied.paths[0].delay) * SPEED_OF_LIGHT / part.all.refractive_index
         creep = (self.velocity(part.all, effects) - part.all.velocity) * part.all.time
         sweep = part.extract.sweeps[0]
         doppler = doppler_range_rate(sweep.center_frequency, sweep.chirp_rate, 0.5 * sweep.ramp_duration)

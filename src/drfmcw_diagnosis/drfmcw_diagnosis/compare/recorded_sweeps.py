@@ -155,8 +155,8 @@ class RecordedSweeps:
         return error
 
     def range_noise(self, group: int) -> np.ndarray:
-        """Return what the ranges of a group's sweeps scatter by, less a target's steady course (n,) [m]."""
-        error = self.range_error(group)
+        """Return what the ranges of a group's calm sweeps scatter by, less a target's steady course (n,) [m]."""
+        error = self.range_error(group)[self.calm[group]]
         free = len(error) - 1
         if self.counted[group] or free <= 2 * SCATTER.course or not np.isfinite(error).all():
             return error

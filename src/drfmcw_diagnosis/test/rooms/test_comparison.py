@@ -194,6 +194,22 @@ def test_a_crane_that_sways_gives_a_distortion_no_phase_of_its_own():
     assert np.sum(shown**2) < 0.5 * len(shown)
 
 
+def test_air_does_not_move_a_crane_that_stands():
+    """Readings of the reference scatter by millimetres: 500 ppm of that moves nothing, though a phase would show it."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    moved = comparison.template((Effect.registry['air_refractivity'](offset=-500.0),))
+    assert comparison.recorded.standing.all() and np.isfinite(comparison.std['movement']).all()
+    assert np.abs(moved[comparison.entries.where(kind='movement')]).max() < 1e-6
+
+
+def test_the_strongest_line_that_is_tried_fits_single_precision():
+    """A fit that overflows goes on with parameters that are no numbers."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    effect = Effect.registry['amplitude_loss']
+    lowest, _ = effect.recipes[0].limits['loss']
+    assert np.isfinite(comparison.template((effect(loss=lowest),))).all()
+
+
 def test_codes_at_which_a_crest_ends_change_little():
     """A square has a sharp edge, whose place among the codes is chance: it changes the pile by 35 % at most.
 

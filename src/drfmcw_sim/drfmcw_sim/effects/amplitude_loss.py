@@ -20,7 +20,8 @@ class AmplitudeLoss(Effect, name='amplitude_loss', of=Of.PATH):
     stage = Stage.PATHS
     movable = True
     recipes = (
-        Recipe('loss', {'loss': 0.2}, {'loss': 10.0}),
+        # single precision holds no stronger line
+        Recipe('loss', {'loss': 0.2}, {'loss': 10.0}, limits={'loss': (-45.0, 200.0)}),
         Recipe('specific', {'specific': 0.3}, {'specific': 20.0}),
     )
 

@@ -23,12 +23,12 @@ class BeatSum(Kind):
     of: Of = Of.PATH
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the mean over each group; of one station it is not compared."""
-        recorded = evidence.recorded
-        std = np.full(len(evidence.counts), np.inf)
+        """Return the mean over each group's calm sweeps; of one station it is not compared."""
+        recorded, beats = evidence.recorded, evidence.of_calm('beat')
+        std = np.full(len(beats), np.inf)
         if recorded.scatters and recorded.topology.both_heard:
-            std = pooled([s.beat[:, None] for s in recorded.sweeps])[:, 0]
-        return evidence.mean('beat'), np.hypot(std / evidence.roots, MODEL.beat)
+            std = pooled([beat[:, None] for beat in beats])[:, 0]
+        return np.array([beat.mean() for beat in beats]), np.hypot(std / evidence.calm_roots, MODEL.beat)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return that of simulated sweeps."""
@@ -40,13 +40,14 @@ class Amplitude(Kind):
     """Power of each line (G, S) [dB of 1 LSB]."""
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the mean over each group; compared where the link budget gives it."""
-        recorded = evidence.recorded
-        std = np.full((len(evidence.counts), len(recorded.heard)), np.inf)
+        """Return the mean over each group's calm sweeps; compared where the link budget gives it."""
+        recorded, amplitudes = evidence.recorded, evidence.of_calm('amplitude')
+        values = np.array([amplitude.mean(axis=0) for amplitude in amplitudes])
+        std = np.full(values.shape, np.inf)
         if recorded.scatters:
             shared = SCATTER.amplitude_shared if recorded.topology.both_heard else 1.0
-            std = np.where(evidence.known.power(), shared * pooled([s.amplitude for s in recorded.sweeps]), np.inf)
-        return evidence.mean('amplitude'), np.hypot(std / evidence.roots[:, None], MODEL.amplitude)
+            std = np.where(evidence.known.power(), shared * pooled(amplitudes), np.inf)
+        return values, np.hypot(std / evidence.calm_roots[:, None], MODEL.amplitude)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return that of simulated sweeps, less what phase noise takes."""
@@ -60,15 +61,14 @@ class Range(Kind):
     of: Of = Of.PATH
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the mean over each group; compared where reference and calibrations give it."""
+        """Return the mean over each group's calm sweeps; compared where reference and calibrations give it."""
         recorded, known = evidence.recorded, evidence.known.range()
-        values = np.array([error.mean() for error in evidence.range_errors])
-        expected = np.array(
-            [
-                np.mean(s.range_std**2 + np.nan_to_num(recorded.data.reference_std[m]) ** 2)
-                for s, m in zip(recorded.sweeps, recorded.members, strict=True)
-            ]
-        )
+        values = np.array([e[calm].mean() for e, calm in zip(evidence.range_errors, recorded.calm, strict=True)])
+        reference = [
+            recorded.data.reference_std[m][calm] for m, calm in zip(recorded.members, recorded.calm, strict=True)
+        ]
+        pairs = zip(evidence.of_calm('range_std'), reference, strict=True)
+        expected = np.array([np.mean(own**2 + np.nan_to_num(other) ** 2) for own, other in pairs])
         std = np.full(len(values), np.inf)
         if not recorded.scatters:
             std[known] = np.sqrt(expected[known])
@@ -76,7 +76,7 @@ class Range(Kind):
             errors = [recorded.range_noise(int(g))[:, None] for g in np.flatnonzero(known)]
             std[known] = pooled(errors, expected[known])[:, 0]
         limit = evidence.known.range_limit()
-        return values, np.hypot(np.maximum(std, SCATTER.least_range) / evidence.roots, limit)
+        return values, np.hypot(np.maximum(std, SCATTER.least_range) / evidence.calm_roots, limit)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return that of simulated sweeps beyond what the reference says there."""
@@ -114,10 +114,11 @@ class Movement(Kind):
         recorded, known = evidence.recorded, evidence.known.range()
         wave = recorded.parts[0].extract.way_per_phase
         by_phase = any(part.extract.way_per_phase for part in recorded.parts)
+        loud = not (recorded.whole.all() and all(s.calm.all() for s in recorded.sweeps))
         values, stds = [], []
         for g, (rows, sweeps) in enumerate(zip(recorded.members, recorded.sweeps, strict=True)):
             time = recorded.data.time[rows]
-            quiet = _undisturbed(sweeps, time)
+            quiet = _undisturbed(sweeps, time) if loud else np.ones(len(rows), bool)
             if recorded.counted[g]:
                 turned = unwrapped(sweeps.carrier[quiet], time[quiet]) * wave
                 # noise of whatever shape shows in how the phase bends from sweep to sweep, where a crane hardly does
@@ -190,12 +191,12 @@ def unwrapped(phase: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _undisturbed(sweeps: SweepFeatures, time: np.ndarray) -> np.ndarray:
-    """Return which sweeps' phases no burst turns (n,), all where hardly any is free.
+    """Return which sweeps' phases no burst of a recording turns (n,), all where hardly any is free.
 
-    Where there are bursts, one may also lie where the spectrum's window ends: the phase alone shows it.
+    One may also lie where the spectrum's window ends: the phase alone shows it.
     """
     quiet = sweeps.calm
-    if quiet.all() or quiet.sum() < SCATTER.wander_sweeps:
+    if quiet.sum() < SCATTER.wander_sweeps:
         return np.ones(len(quiet), bool)
     phase = unwrapped(sweeps.carrier[quiet], time[quiet])
     off = np.abs(phase - median_filter(phase, 3, mode='mirror'))
