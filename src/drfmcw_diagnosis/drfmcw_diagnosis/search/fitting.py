@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -416,16 +416,10 @@ class Fitting(Templates):
             trust=c.known.trust,
             distorting=any(e.distorts for e in acting),
             bursting=any(e.bursts for e in acting),
-            distorted=self._receivers(e.key for e in fitted.effects if e.candidate.kind.distorts),
             incoherence=sum(incoherent),
             uneven=lambda: c.uneven([e.build() for e in fitted.effects]),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
-
-    def _receivers(self, keys: Iterable[tuple[str, str]]) -> tuple[int, ...]:
-        """Return the numbers of the receivers at which effects act, given as (effect, station)."""
-        stations = {station for _, station in keys}
-        return tuple(i for i, name in enumerate(self.comparison.receivers) if stations & {'', name})
 
     def added_alone(self, fitted: Fitted) -> np.ndarray:
         """Return what each effect of an explanation adds by itself, whitened (effects, n)."""

@@ -17,7 +17,6 @@ class Explained:
     trust: float  # to which forward models are trusted in general, relative to what they add
     distorting: bool  # one of its effects distorts the IF
     bursting: bool  # one of its effects comes and goes
-    distorted: tuple[int, ...]  # stations with samples whose IF is distorted
     incoherence: float  # doubt that its effects cast on what both lines' noise has in common [1]
     uneven: Callable[[], np.ndarray]  # computes by how much its distortion makes noise uneven, see `Comparison.uneven`
     changing: Callable[[], np.ndarray]  # computes by how much it makes the ramp change, see `Comparison.changing`
