@@ -225,6 +225,24 @@ def test_where_bursts_spoil_sweeps_everywhere_they_are_not_counted(tmp_path):
     assert abs(effect.values['level'] - burst['level']) < 6.0
 
 
+def test_a_sway_is_known_up_to_its_aliases(tmp_path):
+    """Where all groups are 51.9 s apart, a sway of 0.582 Hz and one of 0.563 Hz fit alike: the deviation covers both.
+
+    Alone, the frequency would be known to some uHz. The recording is fixed.
+    """
+    values = {'amplitude': 0.0052, 'frequency': 0.5822}
+    condition = random_condition(np.random.default_rng(61), Extent(10, 26))
+    condition = dataclasses.replace(condition, interval=0.006, pause=51.7)
+    write_recording(conceal(nominal(condition), [Applied('sway', None, values)]), tmp_path / 'r')
+    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - {'sway'})
+    (effect,) = judged(search, searched(search, 0.01), 0.01).explanation.effects
+    assert effect.stds['frequency'] < 1e-4
+    for name, truth in values.items():
+        value, std = effect.widened[name]
+        assert abs(value - truth) < 4.0 * std
+    assert effect.widened['frequency'][1] > 0.005
+
+
 @pytest.mark.parametrize('seed', [50, 51, 52])
 def test_bursts_leave_the_range_its_uncertainty(tmp_path, seed):
     """The sweeps that hold one are left out of it: its deviation rises by a tenth or two, not eightfold.

@@ -159,6 +159,9 @@ class SearchLimits:
     same: float = 4.0
     """Squared distance below which two fits of the same effects are the same (2 sigma); chosen."""
 
+    elsewhere: float = 1e-3
+    """Relative difference from which on a parameter is at another of its lookalikes [1]; chosen."""
+
     kept: int = 512
     """Templates; chosen."""
 

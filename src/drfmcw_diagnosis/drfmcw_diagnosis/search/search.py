@@ -2,7 +2,8 @@
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy import stats
@@ -160,12 +161,16 @@ class Search(Promising):
             goal: gain of the effect that it replaces there.
         """
         alone = self.fit([point], SEARCH.alone_steps, rest.template, freedom)
-        elsewhere = any(e.key == point[0].key and e.candidate.free == point[0].free for e in fitted.effects)
-        share = SEARCH.hopeless_elsewhere if elsewhere else SEARCH.hopeless
+        candidate: Candidate = point[0]
+        same = [e for e in fitted.effects if e.key == candidate.key and e.candidate.free == candidate.free]
+        share = SEARCH.hopeless_elsewhere if same else SEARCH.hopeless
         if alone.misfit - fitted.misfit > max(SEARCH.far * SEARCH.rival, share * goal):
             return None
-        if not elsewhere or alone.misfit < fitted.misfit - SEARCH.same:  # an alias resembles the right place
+        if not same or alone.misfit < fitted.misfit - SEARCH.same:
             return alone
+        values = alone.effects[0].values
+        if candidate.recipe.lookalikes and all(_is_elsewhere(candidate, values, e.values) for e in same):
+            return alone  # an alias adds what the right place does
         apart = self.whitening(alone.template - fitted.template)
         apart = apart if freedom is None else freedom.left(apart)
         return None if float(apart @ apart) < SEARCH.returned * goal else alone
@@ -299,7 +304,7 @@ class Search(Promising):
                 if other is None or not self.credible(other, rest.template):
                     continue
                 if other.keys == fitted.keys and other.free == fitted.free:
-                    if all(self.apart(other, known) >= SEARCH.same for known in (fitted, *elsewhere)):
+                    if all(self._differ(other, known) for known in (fitted, *elsewhere)):
                         elsewhere.append(other)
                     continue
                 known = found.get((other.keys, other.free))
@@ -382,11 +387,20 @@ class Search(Promising):
         """Return the squared distance between what two explanations add."""
         return float(np.sum(self.whitening(one.template - other.template) ** 2))
 
+    def _differ(self, one: Fitted, other: Fitted) -> bool:
+        """Return whether two fits of the same effects add something else, or have one at another of its lookalikes."""
+        places = (
+            all(_is_elsewhere(e.candidate, e.values, o.values) for o in other.effects if o.key == e.key)
+            for e in one.effects
+            if e.candidate.recipe.lookalikes
+        )
+        return any(places) or self.apart(one, other) >= SEARCH.same
+
     def _substitutes(self, rest: Fitted, least: float, freedom: Freedom | None) -> list[tuple[Candidate, dict]]:
         """Return starting points of a few kinds of effects that promise a gain of at least `least` beside the rest."""
         residual = self.comparison.residual - rest.template
         found: list[tuple[Candidate, dict]] = []
-        tried: dict[tuple, list[np.ndarray]] = {}
+        tried: dict[tuple, list[tuple[np.ndarray, dict[str, float]]]] = {}
         for gain, candidate, values in self._promising(residual, rest.effects, freedom):
             if gain < least or len(tried) >= SEARCH.few:
                 break
@@ -395,7 +409,17 @@ class Search(Promising):
                 continue
             template = self.whitening(self._unit(candidate, values))
             template /= max(float(np.linalg.norm(template)), SEARCH.nothing)
-            if all(abs(float(template @ other)) < SEARCH.alike for other in there):
-                there.append(template)
+            lookalikes = candidate.recipe.lookalikes
+            if all(
+                abs(float(template @ other)) < SEARCH.alike or (lookalikes and _is_elsewhere(candidate, values, at))
+                for other, at in there
+            ):
+                there.append((template, values))
                 found.append((candidate, values))
         return found
+
+
+def _is_elsewhere(candidate: Candidate, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Return whether values of an effect are at different places of what its recipe scans."""
+    name = candidate.recipe.scanned
+    return not math.isclose(one[name], other[name], rel_tol=SEARCH.elsewhere)
