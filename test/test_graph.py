@@ -509,7 +509,7 @@ def test_published_recording_gives_the_offline_ranges(tmp_path):
         live.graph.start('fusion', FUSION, *PATIENT)  # at full speed one station may fall behind the other
         for station in ('master', 'slave'):
             live.graph.start(f'station_{station}', STATION, '--station', station)
-        # a sweep that is played before fusion and a station have found each other, up to 3 s, has no range
+        # fusion and a station find each other within some 3 s: a sweep that is played before has no range
         answers = {f'/{name}/station: Sweeps': f'subscribers of /{name}/beat_frequency' for name in ('master', 'slave')}
         live.wait(lambda: all(live.value(*answer) == '1' for answer in answers.items()), 'fusion at both stations')
         live.wait(lambda: live.monitor.wait_for_publishers(1.0), 'the monitor at fusion')

@@ -1,21 +1,15 @@
 """Effects beside something that the registry lacks: which of them stand, and which are found."""
 
-import numpy as np
 import pytest
 from test_search import beginning, compared
 
-from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.judging import curves
 from drfmcw_diagnosis.judging.standing import standings
-from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search import events
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.limits import SEARCH
 from drfmcw_diagnosis.search.search import Search
-from drfmcw_proof.cases.concealing import Applied, conceal
-from drfmcw_proof.cases.draws import Extent, random_condition
-from drfmcw_proof.generator.model import nominal
-from drfmcw_proof.generator.recordings import write_recording
+from drfmcw_proof.cases.concealing import Applied
 from drfmcw_sim.effects import Effect
 
 
@@ -34,9 +28,8 @@ def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
 def beside_curves(path, concealed, tried):
     """Standings of effects beside the curves that are set aside, and how many these are."""
     distances = 26.4, 29.6, 36.8, 73.5, 76.2, 97.3, 245.8, 398.1, 405.9
-    condition = random_condition(np.random.default_rng(21), Extent(9, 14), distances=distances)
-    write_recording(conceal(nominal(condition), concealed), path)
-    search = Search(Comparison(read_dataset(path)), without=set(Effect.registry) - set(tried))
+    comparison = compared(path, 21, *concealed, settings=9, sweeps=14, distances=distances)
+    search = Search(comparison, without=set(Effect.registry) - set(tried))
     found = search.fit([beginning(name, '', start) for name, start in tried.items()])
     unnamed = curves.left(search, found, search.whitening_of(found, with_unknown=False))
     search.count_as_noise(found, unnamed, search.templates_beside(found))

@@ -1,7 +1,5 @@
 """Search for effects: what an explanation may follow, effects that nearly cancel, movement."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,9 +27,9 @@ from drfmcw_sim.effects import Effect
 OF_THE_RANGE = {'delay_offset', 'sample_clock_offset', 'delay_temperature', 'reference_offset'}
 
 
-def compared(path, seed, *effects, settings=7, sweeps=12):
-    """A comparison of a recording that conceals effects."""
-    condition = random_condition(np.random.default_rng(seed), Extent(settings, sweeps))
+def compared(path, seed, *effects, settings=7, sweeps=12, **changes):
+    """A comparison of a recording that conceals effects, its conditions random but for `changes`."""
+    condition = random_condition(np.random.default_rng(seed), Extent(settings, sweeps), **changes)
     write_recording(conceal(nominal(condition), effects), path)
     return Comparison(read_dataset(path))
 
@@ -210,13 +208,12 @@ def test_bursts_stronger_than_the_line_leave_the_noise_between_them_alone(tmp_pa
 def test_where_bursts_spoil_sweeps_everywhere_they_are_not_counted(tmp_path):
     """In the only group of long sweeps some are spoilt: that none is among the others says nothing of how strong.
 
-    The level is found to 6 dB; counted, it was 11 dB and more too low. The recording is fixed.
+    The level is found to 6 dB; with that group, it came 11 dB too low. The recording is fixed.
     """
     burst = {'probability': 0.22, 'level': -10.0, 'duration': 1.3e-4}
     distances = 20.0, 60.0, 110.0, 170.0, 240.0, 310.0, 400.0, 470.0, 520.0, 580.0, 700.0
-    condition = random_condition(np.random.default_rng(54), Extent(11, 17), distances=distances)
-    write_recording(conceal(nominal(condition), [Applied('interference_burst', 'slave', burst)]), tmp_path / 'r')
-    comparison = Comparison(read_dataset(tmp_path / 'r'))
+    concealed = Applied('interference_burst', 'slave', burst)
+    comparison = compared(tmp_path / 'r', 54, concealed, settings=11, sweeps=17, distances=distances)
     recorded = comparison.recorded
     assert [recorded.whole[part.groups].any() for part in recorded.parts] == [True, False]
     search = Search(comparison, without=set(Effect.registry) - {'interference_burst', 'noise_floor'})
@@ -231,10 +228,9 @@ def test_a_sway_is_known_up_to_its_aliases(tmp_path):
     Alone, the frequency would be known to some uHz. The recording is fixed.
     """
     values = {'amplitude': 0.0052, 'frequency': 0.5822}
-    condition = random_condition(np.random.default_rng(61), Extent(10, 26))
-    condition = dataclasses.replace(condition, interval=0.006, pause=51.7)
-    write_recording(conceal(nominal(condition), [Applied('sway', None, values)]), tmp_path / 'r')
-    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - {'sway'})
+    sway = Applied('sway', None, values)
+    comparison = compared(tmp_path / 'r', 61, sway, settings=10, sweeps=26, interval=0.006, pause=51.7)
+    search = Search(comparison, without=set(Effect.registry) - {'sway'})
     (effect,) = judged(search, searched(search, 0.01), 0.01).explanation.effects
     assert effect.stds['frequency'] < 1e-4
     for name, truth in values.items():
@@ -268,7 +264,7 @@ def test_a_burst_at_the_edge_of_a_window_turns_no_target(tmp_path):
 
 
 def test_bursts_show_beside_a_distortion_of_the_same_receiver(tmp_path):
-    """An even characteristic makes hardly a sweep louder than others: what bursts do is no doubt of it."""
+    """An even characteristic makes hardly any sweep louder than the others, so it casts no doubt on bursts."""
     concealed = {
         'interference_burst': {'probability': 0.25, 'level': -27.0, 'duration': 1.3e-4},
         'second_order_distortion': {'second_order': -0.3},
@@ -362,11 +358,9 @@ def test_an_event_without_a_name_hides_no_ripple(tmp_path):
 
 def test_a_sway_much_slower_than_a_group_is_no_drive(tmp_path):
     """Within 60 ms it moves the crane evenly; but the reference, whose slope shows a drive, stands still."""
-    condition = random_condition(np.random.default_rng(48), Extent(9, 12))
-    condition = dataclasses.replace(condition, interval=6e-3, pause=64.4)
     sway = Applied('sway', None, {'amplitude': 0.07, 'frequency': 0.79, 'phase': 0.4})
-    write_recording(conceal(nominal(condition), [sway]), tmp_path / 'r')
-    search = Search(Comparison(read_dataset(tmp_path / 'r')), without=set(Effect.registry) - {'target_motion'})
+    comparison = compared(tmp_path / 'r', 48, sway, settings=9, interval=6e-3, pause=64.4)
+    search = Search(comparison, without=set(Effect.registry) - {'target_motion'})
     judgement = judged(search, searched(search, 0.01), 0.01)
     assert judgement.verdict == 'unexplained'
 

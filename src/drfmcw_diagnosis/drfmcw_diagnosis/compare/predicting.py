@@ -317,7 +317,6 @@ class Predictor:
         noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])
         return noise, features.harmonic, features.piled
 
-    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def uneven(self, effects: tuple[Effect, ...]) -> np.ndarray:
         """Return by how much distortion makes noise uneven (G, S, NUMBERS), of a setting at the first of its groups.
 
@@ -331,11 +330,12 @@ class Predictor:
             result[part.groups[0]] = after - before
         return result
 
-    def _unevenness(self, part: Part, effects: Sequence[Effect]) -> np.ndarray:
+    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
+    def _unevenness(self, part: Part, effects: tuple[Effect, ...]) -> np.ndarray:
         """Return how unevenly noise is spread over simulated sweeps as strong as the recorded ones (S, NUMBERS)."""
-        copies, count = SIMULATION.bursting, len(part.groups)
+        copies = SIMULATION.bursting
         found = self.simulated.jittered(part, effects, True, copies, quiet=True, as_measured=True)
-        quiet, surge = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (found.quiet, found.surge))
+        quiet, surge = (_by_group(x, copies) for x in (found.quiet, found.surge))
         return np.array([unevenness(list(quiet[:, :, i]), list(surge[:, :, i]))[0] for i in range(quiet.shape[2])])
 
     def bursts(self, part: Part, effects: Sequence[Effect]) -> Bursts:
@@ -355,11 +355,11 @@ class Predictor:
     @functools.lru_cache(maxsize=16)  # noqa: B019 they live as long as the recording is compared
     def _among_noise(self, part: Part, effect: Effect | None) -> tuple[np.ndarray, ...]:
         """Return power in spans, surges, spectra (G, n, S, ...) and lines (G, S) of n noisy sweeps of each group."""
-        copies, count = min(max(map(len, part.local)), SIMULATION.bursting), len(part.groups)
+        copies = min(max(map(len, part.local)), SIMULATION.bursting)
         effects = (effect,) if effect is not None else ()
         found = self.simulated.jittered(part, effects, True, copies, quiet=True)
-        each = (x.reshape(copies, count, *x.shape[1:]).swapaxes(0, 1) for x in (found.quiet, found.surge, found.power))
-        return *each, found.line.reshape(copies, count, -1).mean(axis=0)
+        quiet, surge, power, line = (_by_group(x, copies) for x in (found.quiet, found.surge, found.power, found.line))
+        return quiet, surge, power, line.mean(axis=1)
 
     def _mixed(
         self, part: Part, steady: tuple[np.ndarray, ...], bursting: tuple[np.ndarray, ...], share: float
@@ -458,6 +458,11 @@ class Predictor:
             # a creep is slower than the reference could show
             ways.append((way if by_phase else shifted)[local] + (creep[local] if slow else 0.0))
         return np.concatenate([w - w.mean() for w in ways])
+
+
+def _by_group(values: np.ndarray, copies: int) -> np.ndarray:
+    """Return numbers of copies of each group (copies G, ...), as `jittered` returns them, by group (G, copies, ...)."""
+    return values.reshape(copies, -1, *values.shape[1:]).swapaxes(0, 1)
 
 
 def _variance(features: SweepFeatures, copies: int) -> np.ndarray:

@@ -79,8 +79,8 @@ class PlayerNode(Node):
     def wait_for_subscribers(self, limit: float) -> list[str]:
         """Wait at most `limit` seconds until each station has a listener; return the stations that have none.
 
-        Others listen to weather, status and settings alone: also wait until no further subscriber appears.
-        Settings end with this process, so that a fusion that is found too late would never have them.
+        Other nodes listen only to weather, status or settings: also wait until no further subscriber appears.
+        Settings end with this process: a fusion that is found too late would never get them.
         """
         end = time.monotonic() + limit
         matched: dict[tuple[str, str], int] = {}
