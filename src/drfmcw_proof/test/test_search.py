@@ -281,6 +281,22 @@ def test_bursts_show_beside_a_distortion_of_the_same_receiver(tmp_path):
     assert abs(level + 27.0) < 3.0
 
 
+def test_a_limit_is_sought_beside_phase_noise_of_its_receiver(tmp_path):
+    """What a limit does and what phase noise does are no sum.
+
+    A tenth of a decibel is 20 standard deviations of the level: false failure below 1e-6.
+    """
+    noise = {'level': -76.0, 'corner': 1.8e5}
+    effects = Applied('phase_noise', 'master', noise), Applied('clipping', 'master', {'level': -26.0})
+    tried = {'phase_noise', 'clipping', 'compression', 'second_order_distortion', 'spur'}
+    search = Search(compared(tmp_path / 'r', 1, *effects), without=set(Effect.registry) - tried)
+    known = search.fit([beginning('phase_noise', 'master', noise)])
+    search.trust(known)
+    found = search.best_addition(known)[0].effects[-1]
+    assert found.key == ('clipping', 'master')
+    assert found.values['level'] == pytest.approx(-26.0, abs=0.1)
+
+
 def test_what_clipping_does_to_strong_sweeps_is_no_burst(tmp_path):
     """The limit is reached at the nearest place alone, by the stronger sweeps more than by the others."""
     clipping = Applied('clipping', 'master', {'level': -25.0})

@@ -204,15 +204,18 @@ class Search(Promising):
         base = current.start if current else []
 
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
-            # a distortion takes long to simulate; one linear starting point gains what it promises
+            if points[0][1].acts:  # on all others, noise too: no sum; it takes long to simulate
+                at = [self.fit([*base, (candidate, values)], 0, freedom=freedom) for _, candidate, values in points]
+                return min(at, key=lambda f: f.misfit)
+            # one linear starting point gains what it promises
             linear = len(points) == 1 and points[0][1].recipe.size and points[0][1].recipe.order == 1
             steps = SEARCH.first_steps if points[0][1].recipe.size else SEARCH.steps_to_size
-            steps = 0 if linear or points[0][1].acts else steps
+            steps = 0 if linear else steps
             at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in points]
             return min(at, key=lambda f: f.misfit)
 
-        def refined(alone: Fitted) -> Fitted:
-            return self.fit([*base, *alone.start], SEARCH.joint_steps, linearised=linearised)
+        def refined(begun: Fitted) -> Fitted:
+            return self.fit([*base, begun.start[-1]], SEARCH.joint_steps, linearised=linearised)
 
         def finished(begun: Fitted) -> Fitted:
             return self.fit(begun.start, linearised=linearised)
