@@ -112,3 +112,34 @@ raise SystemExit(guarded('drfmcw x', lambda: run(node, [])))
 """
     ended = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=120, check=False)
     assert (ended.returncode, ended.stderr) == (1, 'drfmcw: /nowhere/at/all: No such file or directory\n')
+
+
+@pytest.mark.parametrize('kind', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('instead', ["raise RuntimeError('no object')", 'return'])
+def test_signal_whose_exception_is_lost_ends_a_node(kind, instead):
+    """rclpy raises an error of its own where a signal meets it as it makes a message."""
+    program = f"""
+import time
+from rclpy.node import Node
+from drfmcw_ros.nodes.runner import run
+
+class Busy(Node):
+    def __init__(self):
+        super().__init__('busy')
+        self.create_timer(0.01, self.work)
+
+    def work(self):
+        try:
+            print('works', flush=True)
+            time.sleep(60.0)
+        except KeyboardInterrupt:
+            {instead}
+
+raise SystemExit(run(Busy, []))
+"""
+    words = [sys.executable, '-c', program]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == 'works\n'
+        process.send_signal(kind)
+        said = process.communicate(timeout=120)
+    assert (process.returncode, *said) == (0, '', '')

@@ -55,6 +55,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         return 2
     watchdog = Watchdog(os.environ)
     interrupts.keep()
+    _SIGNALS.clear()
     signal.signal(signal.SIGINT, _stop)
     signal.signal(signal.SIGTERM, _stop)
     node = None
@@ -151,7 +152,7 @@ def spin(executor: Executor, node: Node) -> None:
     """
     counted, logged = failures(node), -_LOG_INTERVAL
     flowing = False
-    while rclpy.ok():
+    while rclpy.ok() and not _SIGNALS:
         try:
             if flowing:
                 executor.spin_ready(_TURN)
@@ -162,11 +163,18 @@ def spin(executor: Executor, node: Node) -> None:
         except (Finished, ExternalShutdownException):
             raise
         except Exception as error:
+            if _SIGNALS:
+                raise KeyboardInterrupt from error
             counted.add(error)
             if time.monotonic() - logged >= _LOG_INTERVAL:
                 logged = time.monotonic()
                 node.get_logger().error(f'a callback failed, {counted.count} so far: {counted.last}')
 
 
+_SIGNALS: list[int] = []
+"""Those that `_stop` heard. Where a signal meets rclpy as it makes a message, C++ raises a RuntimeError instead."""
+
+
 def _stop(signum: int, frame: Any) -> None:
+    _SIGNALS.append(signum)
     raise KeyboardInterrupt
