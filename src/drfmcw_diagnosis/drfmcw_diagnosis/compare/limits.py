@@ -161,6 +161,9 @@ class ScatterLimits:
     same_pause: float = 0.1
     """Relative difference of a pause between sweeps from the usual one, up to which none is missing; chosen."""
 
+    about_gap: int = 2
+    """Sweeps on either side, beyond as many as are missing, that show how far the phase turns in a gap; chosen."""
+
     wander_sweeps: int = 7
     """Consecutive sweeps whose bends show how the carrier phase wanders; chosen."""
 

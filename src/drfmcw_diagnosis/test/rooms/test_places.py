@@ -37,6 +37,15 @@ def test_a_phase_is_counted_over_missing_sweeps(rate):
     assert found - found[0] == pytest.approx(phase - phase[0], abs=1e-9)
 
 
+def test_a_phase_is_counted_over_a_missing_sweep_of_a_sway():
+    """It turns by 0.19 turns a sweep before the gap and behind it, the other way than on the whole."""
+    number = np.delete(np.arange(22), 20)
+    time = 0.0324 * number
+    phase = 2.0 * np.pi * 4.8 * np.sin(2.0 * np.pi * 0.373 * (time + 0.25))
+    found = unwrapped(np.angle(np.exp(1j * phase)), time)
+    assert found - found[0] == pytest.approx(phase - phase[0], abs=1e-9)
+
+
 def test_a_reflection_is_sought_where_a_sway_has_the_crane():
     """Its fringes follow the true distance to a part of the wavelength, here 0.3 m from what the reference says."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))

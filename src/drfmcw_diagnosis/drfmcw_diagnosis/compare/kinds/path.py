@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -173,8 +174,8 @@ class Movement(Kind):
 def unwrapped(phase: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return phases (n,) [rad] without jumps of whole turns, about their mean rate.
 
-    Where sweeps are missing, the phase may turn further in the gap than can be counted; its rate in between shows how
-    far.
+    Where sweeps are missing, the phase may turn further in the gap than can be counted; its rate before and behind the
+    gap, over as many sweeps as are missing and some more, shows how far.
 
     Args:
         phase: at each time, up to whole turns [rad].
@@ -185,8 +186,15 @@ def unwrapped(phase: np.ndarray, time: np.ndarray) -> np.ndarray:
     pause = np.diff(time)
     usual = float(np.median(pause))
     next_to = np.abs(pause - usual) <= SCATTER.same_pause * usual
-    turn = float(np.angle(np.sum(np.exp(1j * np.diff(phase)[next_to]))))
-    trend = turn / usual * (time - time[0]) if usual > 0.0 else np.zeros(len(time))
+    turn = np.exp(1j * np.diff(phase))
+    mean = np.sum(turn[next_to])
+    turned = np.angle(mean) + np.where(next_to, np.angle(turn * np.conj(mean)), 0.0)  # in the usual pause
+    for gap in np.flatnonzero(~next_to & (usual > 0.0)):
+        sweeps = math.ceil(pause[gap] / usual) + SCATTER.about_gap
+        about = slice(max(gap - sweeps, 0), gap + sweeps + 1)
+        near = turned[about][next_to[about]]
+        turned[gap] = (near.mean() if len(near) else np.angle(mean)) * pause[gap] / usual
+    trend = np.concatenate([[0.0], np.cumsum(turned)])
     return np.unwrap(phase - trend) + trend
 
 
