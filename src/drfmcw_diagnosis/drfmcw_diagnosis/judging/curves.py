@@ -76,6 +76,9 @@ class CurveLimits:
     least_power: float = 0.1
     """Share of a step's power that the other effects must leave of it [1]; chosen."""
 
+    needed: float = 0.9
+    """Share of its gain that an effect keeps beside a step, from which on the step is of something else [1]; chosen."""
+
 
 LIMITS = CurveLimits()
 
@@ -257,7 +260,8 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
 
     Infinity for effects that show elsewhere. A step is at one value of a condition: in range and beat frequency, of
     free sizes, or of a station's clock. How many steps are tried counts against it. Two effects may imitate one step
-    together, so it is tried in the place of each two as well.
+    together, so it is tried in the place of each two as well. A step of something else, beside which they are needed
+    as much as without it, may explain more than they do: it is there beside either.
 
     Args:
         fitting: of the recording.
@@ -287,9 +291,10 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
         if added is None:
             continue
         own = np.r_[tuple(fitted.spans[i] for i in numbers)]
-        beside = Freedom(np.delete(slopes, own, axis=0))
-        unexplained = beside.left(rest + added)
-        gain = float(unexplained @ unexplained - rest @ rest) - LIMITS.parameter * len(own)
+        others = np.delete(slopes, own, axis=0)
+        beside = Freedom(np.concatenate([others, _of_something_else(steps, rest, added, Freedom(others))]))
+        unexplained, left_over = beside.left(rest + added), beside.left(rest)
+        gain = float(unexplained @ unexplained - left_over @ left_over) - LIMITS.parameter * len(own)
         beyond = gain - (_best(steps, unexplained, beside) - 2.0 * np.log(len(tried)))
         for number in numbers:
             found[number] = min(found[number], beyond)
@@ -326,6 +331,30 @@ def _of_clocks(fitting: Fitting) -> list[np.ndarray]:
         if Effect.registry[effect].error_of is Stated.CLOCK
         for station in c.data.stations
     ]
+
+
+def _of_something_else(steps: np.ndarray, rest: np.ndarray, added: np.ndarray, beside: Freedom) -> np.ndarray:
+    """Return the step that explains most of what effects are needed beside, whitened (1, n); none, (0, n), of less.
+
+    Args:
+        steps: whitened (J, M, n), see `_templates`.
+        rest: what all effects leave, whitened (n,).
+        added: by the effects in question, whitened (n,).
+        beside: freedom of the other effects.
+    """
+    tried = steps.reshape(-1, steps.shape[-1])
+    own, shown, unexplained = beside.left(tried), beside.left(added), beside.left(rest + added)
+    power = np.einsum('mn,mn->m', own, own)
+    own = (
+        own
+        / np.sqrt(np.where(power > LIMITS.least_power * np.einsum('mn,mn->m', tried, tried), power, np.inf))[:, None]
+    )
+    along, shared = own @ unexplained, own @ shown
+    explained, size = float(shown @ unexplained), max(float(shown @ shown), 1e-30)
+    beside_step = np.maximum(explained - shared * along, 0.0) ** 2 / np.maximum(size - shared**2, 1e-9 * size)
+    gains = np.where(beside_step >= LIMITS.needed * explained**2 / size, along**2, 0.0)
+    best = int(np.argmax(gains))
+    return tried[[best]] if gains[best] > explained**2 / size else tried[:0]
 
 
 def _best(steps: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:

@@ -127,3 +127,17 @@ def test_a_clock_that_jumps_is_no_drift_beside_another(data):
     fitting = Fitting(comparison)
     found = fitting.fit([(point, point.values) for point in points])
     assert min(beyond_steps(fitting, found)) > 25.0
+
+
+def test_a_step_of_something_else_takes_no_place_of_a_clock(data):
+    """The clock shows in the beat frequency. A jump of the range explains more, and beside it the clock is needed."""
+    comparison = Comparison(data)
+    time = conditions(Fitting(comparison))['time']
+    jump = range_errors(comparison, 5.0 * (time > np.median(time)))
+    registry = Effect.registry['reference_clock_temperature']
+    clock = Candidate('reference_clock_temperature', 'slave', registry.recipes[0], {'slope': 0.02})
+    comparison.residual = jump + comparison.template([clock.build()])
+    fitting = Fitting(comparison)
+    found = fitting.fit([(clock, clock.values)])
+    assert fitting.misfit(0.0) < 1.1 * found.misfit  # the jump explains more
+    assert min(beyond_steps(fitting, found)) > 25.0
