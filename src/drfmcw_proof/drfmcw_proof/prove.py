@@ -131,9 +131,8 @@ class Results:
             except OSError as error:
                 raise ConfigurationError(f'{self.path}: {error.strerror}') from None
             self._check()
-            for name in ('recordings', 'truths'):  # of cases that were interrupted
-                shutil.rmtree(self.path / name, ignore_errors=True)
             (self.path / 'cases').mkdir(exist_ok=True)
+            self._remove_interrupted()
             self._lock = stack.pop_all()
         return self
 
@@ -160,6 +159,16 @@ class Results:
         elif self._manifest.exists():
             shutil.rmtree(self.path / 'cases', ignore_errors=True)
         write_atomically(self._manifest, json.dumps(self._settings, indent=1) + '\n')
+
+    def _remove_interrupted(self) -> None:
+        judged = {path.stem for path in (self.path / 'cases').iterdir()}
+        for path in (p for name in ('recordings', 'truths') for p in (self.path / name).glob('*')):
+            if path.stem in judged:
+                continue
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink()
 
     def record(self, name: str) -> dict[str, Any] | None:
         """Return what is stored of a case."""

@@ -298,6 +298,18 @@ def test_results_of_another_run_are_refused_unless_discarded(tmp_path, change, w
         assert results.record('recording_0000') is None
 
 
+@pytest.mark.parametrize('force', [False, True])
+def test_recordings_of_judged_cases_are_kept_and_those_of_interrupted_ones_made_again(tmp_path, force):
+    with prove.Results(tmp_path / 'out', SETTINGS) as results:
+        results.store({'name': 'recording_0000'})
+        for name in ('recording_0000', 'recording_0001'):
+            (tmp_path / 'out/recordings' / name).mkdir(parents=True)
+            (tmp_path / f'out/recordings/{name}.json').touch()
+    with prove.Results(tmp_path / 'out', SETTINGS, force):
+        left = sorted(p.name for p in (tmp_path / 'out/recordings').iterdir())
+        assert left == ([] if force else ['recording_0000', 'recording_0000.json'])
+
+
 def test_a_directory_of_something_else_is_left_alone(tmp_path):
     (tmp_path / 'mine').write_text('text')
     for force in (False, True):
