@@ -3,10 +3,12 @@
 import dataclasses
 import functools
 
+import numpy as np
 import pytest
 from checkout import DATA, SHARED
 
 from drfmcw_fusion.offline import replay_recording
+from drfmcw_fusion.pipeline import Flag
 from drfmcw_fusion.replayed.verification import compare, recorded_ranges
 from drfmcw_ros.bag.files import BagReader
 
@@ -69,3 +71,21 @@ def test_sweeps_that_the_recorder_lost_are_named():
     found = compare(*compared('mmsg'))
     assert found.only_recorded == 2
     assert found.first_missing > found.start
+
+
+def test_sweeps_that_the_live_graph_did_not_hear_make_no_later_range_wrong():
+    """Without the first sweep it knew the velocity one sweep later: left out until the track holds none of it."""
+    _, results = compared('splitfile')
+    by_pair = {}
+    for r in sorted(results, key=lambda r: r.stamp):
+        by_pair.setdefault((r.first_station, r.second_station), []).append(r)
+    (own,) = by_pair.values()
+    known = next(i for i, r in enumerate(own) if not r.flags & Flag.UNKNOWN_VELOCITY)
+    unknown = dataclasses.replace(own[known], flags=own[known].flags | Flag.UNKNOWN_VELOCITY, velocity=np.nan)
+    live = [*own[1:known], unknown, *own[known + 1 :]]
+    recorded = {(r.first_station, r.second_station, r.sweep_id, r.stamp): r for r in live}
+    found = compare(recorded, results)
+    assert (found.different, found.early, found.only_recomputed) == (0, 1, 1)
+    assert any('live graph heard' in reason for reason in found.reasons)
+    wrong = [*results[:-1], dataclasses.replace(results[-1], range=results[-1].range + 0.01)]
+    assert compare(recorded, wrong).different == 1

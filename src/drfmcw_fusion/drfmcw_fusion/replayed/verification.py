@@ -67,7 +67,8 @@ def compare(recorded: dict[tuple[str, str, int, int], Any], results: Sequence[Ra
 
     A recording that begins while the crane drives lacks what the live nodes had from before: sweeps, weather, the
     track of the velocity. Where the first ranges of a pair differ, they are compared from when on the recording holds
-    all of it, and the reasons are stated; from there on the velocity may differ by rounding.
+    all of it, and the reasons are stated; from there on the velocity may differ by rounding. The same holds where the
+    live graph did not hear the first sweeps of a pair, and the recorder did.
     """
     recomputed = {(r.first_station, r.second_station, r.sweep_id, r.stamp): r for r in results}
     begin = min((key[3] for key in recorded), default=0)
@@ -107,15 +108,19 @@ def _starts(
     recomputed: Mapping[tuple[str, str, int, int], RangeResult],
     begin: int,
 ) -> tuple[dict[tuple[str, str], int], tuple[str, ...]]:
-    """Return when each pair that was under way when the recording began can be compared [ns], and why not before."""
+    """Return when each pair of which live graph and recording do not begin alike can be compared [ns], and why."""
     starts: dict[tuple[str, str], int] = {}
     reasons: list[str] = []
     for pair in sorted({key[:2] for key in recomputed}):
         keys = sorted((key for key in recomputed if key[:2] == pair), key=lambda key: key[3])
         both = [key for key in keys if key in recorded]
-        if not both or not _under_way(recorded[both[0]], recomputed[both[0]]):
+        unheard = bool(both) and keys[0] != both[0]
+        if not both or not (unheard or _under_way(recorded[both[0]], recomputed[both[0]])):
             continue
+        keys = both if unheard else keys
         name, first = '/'.join(pair), keys[0][3]
+        if unheard:
+            reasons.append(f'{name}: the live graph heard sweeps from {(first - begin) * 1e-9:.1f} s on')
         if any(key[:2] == pair and key[3] < first for key in recorded):
             reasons.append(f'{name}: sweeps are recorded from {(first - begin) * 1e-9:.1f} s on')
         sweeps, duration = MEMORY
@@ -162,7 +167,7 @@ def compare_with_recorded(path: str, results: Sequence[RangeResult], console: Co
     )
     if found.reasons:
         console.print(
-            f'the recording began while the crane was measured: compared from {found.start:.1f} s on, '
+            f'the recording does not begin as the live graph did: compared from {found.start:.1f} s on, '
             f'{found.early} earlier ranges are left out',
             highlight=False,
         )
