@@ -345,16 +345,15 @@ def _of_something_else(steps: np.ndarray, rest: np.ndarray, added: np.ndarray, b
     tried = steps.reshape(-1, steps.shape[-1])
     own, shown, unexplained = beside.left(tried), beside.left(added), beside.left(rest + added)
     power = np.einsum('mn,mn->m', own, own)
-    own = (
-        own
-        / np.sqrt(np.where(power > LIMITS.least_power * np.einsum('mn,mn->m', tried, tried), power, np.inf))[:, None]
-    )
-    along, shared = own @ unexplained, own @ shown
+    seen = power > LIMITS.least_power * np.einsum('mn,mn->m', tried, tried)
+    length = np.sqrt(np.where(seen, power, np.inf))
+    along, shared = (own @ unexplained) / length, (own @ shown) / length
     explained, size = float(shown @ unexplained), max(float(shown @ shown), 1e-30)
+    gain = explained**2 / size
     beside_step = np.maximum(explained - shared * along, 0.0) ** 2 / np.maximum(size - shared**2, 1e-9 * size)
-    gains = np.where(beside_step >= LIMITS.needed * explained**2 / size, along**2, 0.0)
+    gains = np.where(beside_step >= LIMITS.needed * gain, along**2, 0.0)
     best = int(np.argmax(gains))
-    return tried[[best]] if gains[best] > explained**2 / size else tried[:0]
+    return tried[[best]] if gains[best] > gain else tried[:0]
 
 
 def _best(steps: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:
