@@ -125,8 +125,13 @@ class Search(Promising):
             return None if alone is None else self.fit([*rest.start[:number], *alone.start, *rest.start[number:]])
 
         with self.amid(rest):
-            begun = self._promising(residual, rest.effects, freedom, candidate.effect)[: SEARCH.fringes]
-            refits = self._workers.map(refined, [(candidate, values) for _, _, values in begun])
+            promising = self._promising(residual, rest.effects, freedom, candidate.effect)
+            begun: list[dict[str, float]] = []
+            for _, _, values in promising:
+                known = candidate.recipe.lookalikes and not all(_is_elsewhere(candidate, values, v) for v in begun)
+                if not known and len(begun) < SEARCH.fringes:  # of one place, the best start is enough
+                    begun.append(values)
+            refits = self._workers.map(refined, [(candidate, values) for values in begun])
         fits = [f for f in refits if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
