@@ -286,16 +286,18 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
     if not singly or not len(tried):
         return found
     steps = _templates(fitting, tried)
+    power = np.einsum('kmn,kmn->km', steps, steps)
     for numbers in (*singly, *((i, j) for (i,), (j,) in itertools.combinations(singly, 2))):
         added = added_by(numbers)
         if added is None:
             continue
         own = np.r_[tuple(fitted.spans[i] for i in numbers)]
-        others = np.delete(slopes, own, axis=0)
-        beside = Freedom(np.concatenate([others, _of_something_else(steps, rest, added, Freedom(others))]))
-        unexplained, left_over = beside.left(rest + added), beside.left(rest)
+        beside = Freedom(np.delete(slopes, own, axis=0))
+        left_over, shown, seen = beside.left(rest), beside.left(added), beside.left(steps)
+        other = Freedom(_of_something_else(seen, power, left_over + shown, shown))
+        left_over, unexplained, seen = other.left(left_over), other.left(left_over + shown), other.left(seen)
         gain = float(unexplained @ unexplained - left_over @ left_over) - LIMITS.parameter * len(own)
-        beyond = gain - (_best(steps, unexplained, beside) - 2.0 * np.log(len(tried)))
+        beyond = gain - (_best(seen, power, unexplained) - 2.0 * np.log(len(tried)))
         for number in numbers:
             found[number] = min(found[number], beyond)
     return found
@@ -333,45 +335,41 @@ def _of_clocks(fitting: Fitting) -> list[np.ndarray]:
     ]
 
 
-def _of_something_else(steps: np.ndarray, rest: np.ndarray, added: np.ndarray, beside: Freedom) -> np.ndarray:
-    """Return the step that explains most of what effects are needed beside, whitened (1, n); none, (0, n), of less.
+def _of_something_else(steps: np.ndarray, power: np.ndarray, unexplained: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """Return the step that explains most of what effects are needed beside (1, n); none, (0, n), of less than they do.
 
     Args:
-        steps: whitened (J, M, n), see `_templates`.
-        rest: what all effects leave, whitened (n,).
-        added: by the effects in question, whitened (n,).
-        beside: freedom of the other effects.
+        steps: what the other effects leave of them, whitened (J, M, n), see `_templates`.
+        power: of the whole steps (J, M).
+        unexplained: by the other effects, whitened (n,).
+        shown: what these leave of what the effects in question add, whitened (n,).
     """
-    tried = steps.reshape(-1, steps.shape[-1])
-    own, shown, unexplained = beside.left(tried), beside.left(added), beside.left(rest + added)
-    power = np.einsum('mn,mn->m', own, own)
-    seen = power > LIMITS.least_power * np.einsum('mn,mn->m', tried, tried)
-    length = np.sqrt(np.where(seen, power, np.inf))
-    along, shared = (own @ unexplained) / length, (own @ shown) / length
+    own = np.einsum('kmn,kmn->km', steps, steps)
+    length = np.sqrt(np.where(own > LIMITS.least_power * power, own, np.inf))
+    along, shared = (steps @ unexplained) / length, (steps @ shown) / length
     explained, size = float(shown @ unexplained), max(float(shown @ shown), 1e-30)
     gain = explained**2 / size
     beside_step = np.maximum(explained - shared * along, 0.0) ** 2 / np.maximum(size - shared**2, 1e-9 * size)
     gains = np.where(beside_step >= LIMITS.needed * gain, along**2, 0.0)
-    best = int(np.argmax(gains))
-    return tried[[best]] if gains[best] > gain else tried[:0]
+    best = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    return steps[best][None] if gains[best] > gain else steps[0, :0]
 
 
-def _best(steps: np.ndarray, unexplained: np.ndarray, beside: Freedom) -> float:
+def _best(steps: np.ndarray, whole: np.ndarray, unexplained: np.ndarray) -> float:
     """Return the largest gain of a step of one kind, or in range and beat frequency, less what its parameters cost.
 
     Args:
-        steps: whitened (J, M, n), see `_templates`.
+        steps: what the other effects leave of them, whitened (J, M, n), see `_templates`.
+        whole: power of the whole steps (J, M).
         unexplained: by the other effects, whitened (n,).
-        beside: freedom of the other effects.
     """
-    own = beside.left(steps)
-    power = np.einsum('kmn,kmn->km', own, own)
-    seen = power > LIMITS.least_power * np.einsum('kmn,kmn->km', steps, steps)
-    along = np.where(seen, own @ unexplained, 0.0)
+    power = np.einsum('kmn,kmn->km', steps, steps)
+    seen = power > LIMITS.least_power * whole
+    along = np.where(seen, steps @ unexplained, 0.0)
     alone = along**2 / np.maximum(power, 1e-30)  # (J, M)
     # the step's place and its size in each kind
     single = float(alone.max()) - 2.0 * LIMITS.parameter
-    cross = np.einsum('mn,mn->m', own[0], own[1])
+    cross = np.einsum('mn,mn->m', steps[0], steps[1])
     determinant = np.maximum(power[0] * power[1] - cross**2, 1e-9 * power[0] * power[1] + 1e-30)
     both = (power[1] * along[0] ** 2 - 2.0 * cross * along[0] * along[1] + power[0] * along[1] ** 2) / determinant
     return max(single, float(np.where(seen[:2].all(axis=0), both, 0.0).max()) - 3.0 * LIMITS.parameter)

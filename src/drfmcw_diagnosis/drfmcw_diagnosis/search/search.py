@@ -128,10 +128,10 @@ class Search(Promising):
             promising = self._promising(residual, rest.effects, freedom, candidate.effect)
             begun: list[dict[str, float]] = []
             for _, _, values in promising:
-                known = candidate.recipe.lookalikes and not all(_is_elsewhere(candidate, values, v) for v in begun)
-                if not known and len(begun) < SEARCH.fringes:  # of one place, the best start is enough
+                # of one place, the best start is enough
+                if not candidate.recipe.lookalikes or all(_is_elsewhere(candidate, values, v) for v in begun):
                     begun.append(values)
-            refits = self._workers.map(refined, [(candidate, values) for values in begun])
+            refits = self._workers.map(refined, [(candidate, values) for values in begun[: SEARCH.fringes]])
         fits = [f for f in refits if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
@@ -209,14 +209,14 @@ class Search(Promising):
         base = current.start if current else []
 
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
-            if points[0][1].acts:  # on all others, noise too: no sum; it takes long to simulate
-                at = [self.fit([*base, (candidate, values)], 0, freedom=freedom) for _, candidate, values in points]
-                return min(at, key=lambda f: f.misfit)
-            # one linear starting point gains what it promises
-            linear = len(points) == 1 and points[0][1].recipe.size and points[0][1].recipe.order == 1
-            steps = SEARCH.first_steps if points[0][1].recipe.size else SEARCH.steps_to_size
-            steps = 0 if linear else steps
-            at = [self.fit([(candidate, values)], steps, beside, freedom) for _, candidate, values in points]
+            first = points[0][1]
+            # a distortion takes long to simulate; one linear starting point gains what it promises
+            linear = len(points) == 1 and first.recipe.size and first.recipe.order == 1
+            steps = SEARCH.first_steps if first.recipe.size else SEARCH.steps_to_size
+            steps = 0 if linear or first.acts else steps
+            # what acts on all others, noise too, is no sum with them
+            others, added = (base, 0.0) if first.acts else ([], beside)
+            at = [self.fit([*others, (candidate, values)], steps, added, freedom) for _, candidate, values in points]
             return min(at, key=lambda f: f.misfit)
 
         def refined(begun: Fitted) -> Fitted:

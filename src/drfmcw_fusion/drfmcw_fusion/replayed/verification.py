@@ -114,8 +114,10 @@ def _starts(
     for pair in sorted({key[:2] for key in recomputed}):
         keys = sorted((key for key in recomputed if key[:2] == pair), key=lambda key: key[3])
         both = [key for key in keys if key in recorded]
-        unheard = bool(both) and keys[0] != both[0]
-        if not both or not (unheard or _under_way(recorded[both[0]], recomputed[both[0]])):
+        if not both:
+            continue
+        unheard = keys[0] != both[0]
+        if not unheard and not _under_way(recorded[both[0]], recomputed[both[0]]):
             continue
         keys = both if unheard else keys
         name, first = '/'.join(pair), keys[0][3]

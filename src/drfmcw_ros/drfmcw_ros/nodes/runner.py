@@ -164,7 +164,7 @@ def spin(executor: Executor, node: Node) -> None:
             raise
         except Exception as error:
             if _SIGNALS:
-                raise KeyboardInterrupt from error
+                break
             counted.add(error)
             if time.monotonic() - logged >= _LOG_INTERVAL:
                 logged = time.monotonic()

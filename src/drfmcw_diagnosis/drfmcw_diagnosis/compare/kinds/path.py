@@ -187,13 +187,13 @@ def unwrapped(phase: np.ndarray, time: np.ndarray) -> np.ndarray:
     usual = float(np.median(pause))
     next_to = np.abs(pause - usual) <= SCATTER.same_pause * usual
     turn = np.exp(1j * np.diff(phase))
-    mean = np.sum(turn[next_to])
-    turned = np.angle(mean) + np.where(next_to, np.angle(turn * np.conj(mean)), 0.0)  # in the usual pause
+    mean = float(np.angle(np.sum(turn[next_to])))
+    turned = mean + np.where(next_to, np.angle(turn * np.exp(-1j * mean)), 0.0)  # in the usual pause
     for gap in np.flatnonzero(~next_to & (usual > 0.0)):
         sweeps = math.ceil(pause[gap] / usual) + SCATTER.about_gap
         about = slice(max(gap - sweeps, 0), gap + sweeps + 1)
         near = turned[about][next_to[about]]
-        turned[gap] = (near.mean() if len(near) else np.angle(mean)) * pause[gap] / usual
+        turned[gap] = (near.mean() if len(near) else mean) * pause[gap] / usual
     trend = np.concatenate([[0.0], np.cumsum(turned)])
     return np.unwrap(phase - trend) + trend
 
