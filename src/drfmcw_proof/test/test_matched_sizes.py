@@ -9,6 +9,7 @@ from proof_conditions import BOTH, condition, with_effect
 from scipy import special, stats
 from scipy.integrate import trapezoid
 
+from drfmcw_diagnosis.compare.limits import MODEL
 from drfmcw_proof.cases import draws, sizes
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.generator import model as generator
@@ -25,11 +26,23 @@ def test_matched_sizes_have_their_closed_forms():
     twin = sizes.matched_size(silent, [Applied('delay_offset', None, {'delay': 0.03 / 0.299792458 * 1.0003})])
     assert twin.total == pytest.approx(offset.total, rel=0.01)
     noise = sizes.matched_size(silent, [Applied('noise_floor', 'slave', {'excess': 0.2})])
-    assert noise.total == pytest.approx(math.sqrt(48 * 1024) * 0.2 * math.log(10.0) / 10.0, rel=0.02)
+    measured_to = 10.0 / math.log(10.0) / math.sqrt(48 * 1024)  # [dB]
+    assert noise.total == pytest.approx(0.2 / math.hypot(measured_to, sizes.FLOOR_KNOWN), rel=0.02)
     loss = sizes.matched_size(silent, [Applied('amplitude_loss', None, {'loss': 0.1})])
     assert loss.total == pytest.approx(0.1 / 0.2 * math.sqrt(48), rel=0.02)
     halved = sizes.matched_size(silent, [Applied('amplitude_loss', None, {'loss': 10.0})])
     assert halved.amplitude == pytest.approx(10.0 / 0.2 * math.sqrt(48), rel=0.02)
+
+
+def test_matched_sizes_know_the_noise_as_well_as_the_diagnosis_does():
+    assert (sizes.FLOOR_KNOWN, sizes.SKIRTS_KNOWN) == (MODEL.common_floor, MODEL.common_skirt)
+    c = condition((40.0, 60.0, 90.0), 16)  # in whose bands the skirts hide the floor
+    assert c.stations[0].phase_noise_level > -100.0
+    louder = sizes.matched_size(c, [Applied('noise_floor', 'slave', {'excess': 0.2})])
+    assert louder.total < 0.2 / math.hypot(10.0 / math.log(10.0) / math.sqrt(48 * 1024), sizes.FLOOR_KNOWN)
+    skirts = [c.stations[0].phase_noise_level + x for x in (0.15, 1.5)]
+    little, much = (sizes.matched_size(c, [Applied('phase_noise', 'master', {'level': x})]).total for x in skirts)
+    assert little < 3.0 < much  # a standard deviation of what is known, and ten
 
 
 def silent_pair(sweeps):

@@ -5,7 +5,8 @@ own (amplitude and phase of each station, start delay) and the distance, which o
 first: they are fitted by generalised least squares in the thermal and phase noise of the pair, in which the sum of both
 stations' phases is quieter than their difference. What the fit takes as distance is judged against the reference and
 its noise, what it takes as amplitude against the scatter of the sweeps' amplitudes. Changes of the noise itself are
-counted by the spread of its spectral powers.
+counted by the spread of its spectral powers, beyond what each station's floor and each oscillator's skirts may differ
+from their calibration in all sweeps: no calibration states how well it knows them, so d takes what the diagnosis does.
 
 Unknown parameters are not counted as if they were known. For a known change d^2 is twice the mean logarithm of the
 best detector's likelihood ratio (twice the Kullback-Leibler divergence). The same definition holds for:
@@ -32,13 +33,14 @@ from ..generator.model import FIRST, SECOND, SPEED_OF_LIGHT, Scene, Stream, clea
 from ..generator.phase_noise import phase_noise_density
 from .concealing import KINDS, Applied, conceal
 
+FLOOR_KNOWN, SKIRTS_KNOWN = 0.04, 0.15  # standard deviations of the calibrated noise [dB]
 _AMPLITUDES, _PHASES, _START, _FLIGHT = (0, 1), (2, 3), 4, 5  # indices of the nuisance parameters
 _OFF = 0.5  # of a line's amplitude, below which it counts as silent
 _ABSENT = 1.0  # [1/Hz] noise density of a side-band that a real IF does not have
 _TURNS = 16  # realisations of phases that nobody knows, evenly over the circle
 _HALVES = tuple(range(0, _TURNS, 2)), tuple(range(1, _TURNS, 2))  # under one realisation of the noise and another
 _FEW = 2  # sweeps of a setting for which they are computed
-_NEPER = 20.0 / math.log(10.0)  # [dB]
+_NEPER, _POWER_NEPER = 20.0 / math.log(10.0), 10.0 / math.log(10.0)  # of an amplitude, of a power [dB]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,10 +68,17 @@ class MatchedSize:
         return {'total': self.total, **dataclasses.asdict(self)}
 
 
-def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.ndarray]:
+def _covariance(
+    scene: Scene,
+    row: int,
+    noisy: Scene,
+    floors: Sequence[float] = (1.0, 1.0),
+    skirts: Sequence[np.ndarray | float] = (1.0, 1.0),
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the covariance of both stations' side-bands at one row, and which of them exist.
 
-    Lines stand where they are in `scene`, with the noise of `noisy`.
+    Lines stand where they are in `scene`, with the noise of `noisy`: of it, each station's floor and each oscillator's
+    phase noise [samples / 2] is so many times as strong.
 
     At each offset f > 0 from the lines, the relative changes g_i of the signals have the side-bands G_1(f), G_1*(-f),
     G_2(f), G_2*(-f): covariance [samples / 2, 4, 4], existence [samples / 2, 4].
@@ -79,7 +88,7 @@ def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.nd
     offset = np.arange(count // 2) * (rate / count)
     one = np.array([row])
     flight, start = _flight(scene, one)[0], scene.start_delay[row]
-    density = [phase_noise_density(offset, *noisy.oscillators[s]) for s in (FIRST, SECOND)]
+    density = [skirts[s] * phase_noise_density(offset, *noisy.oscillators[s]) for s in (FIRST, SECOND)]
     omega = 2.0 * math.pi * offset
     cross = -density[0] * np.exp(1j * omega * (flight - start)) - density[1] * np.exp(-1j * omega * (flight + start))
     phase = np.empty((count // 2, 2, 2), complex)
@@ -93,7 +102,7 @@ def _covariance(scene: Scene, row: int, noisy: Scene) -> tuple[np.ndarray, np.nd
     for s in (FIRST, SECOND):
         line = _line(scene, s, one)[0]
         alike = np.flatnonzero(scene.setting == scene.setting[row])  # each has its own amplitude
-        density_here = noisy.noise_std(s)[row] ** 2 / rate / np.mean(scene.amplitude(s, alike) ** 2)
+        density_here = floors[s] * noisy.noise_std(s)[row] ** 2 / rate / np.mean(scene.amplitude(s, alike) ** 2)
         for i, side in ((2 * s, 1.0), (2 * s + 1, -1.0)):
             frequency = np.sign(line) * (line + side * offset)
             present[:, i] = (frequency > -0.5 * rate / count) & (frequency < 0.5 * rate)
@@ -286,6 +295,7 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
     if before.own_phases or after.own_phases:
         most = min(most, _FEW)
     nothing_heard = not any(_is_heard(before, after, s) for s in (FIRST, SECOND))
+    powers = _Powers()
     noise = shape = ranging = amplitude = phase = balance = 0.0
     reference = after.reference() - before.reference()  # the nominal model takes a reading for the distance
     for setting in range(len(condition.distances)):
@@ -293,7 +303,7 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
         rows = everything[np.unique(np.linspace(0, len(everything) - 1, most).astype(int))]
         weight = len(everything) / len(rows)
         covariance, present = _covariance(before, int(rows[0]), before)
-        noise += len(everything) * _spectral(covariance, _covariance(before, int(rows[0]), after)[0], present)
+        powers.add(len(everything), before, int(rows[0]), after)
         precision = 2.0 * np.linalg.inv(covariance) * (present[:, :, None] & present[:, None, :])
         precision /= condition.sample_rate * condition.sample_count  # densities of transforms of `sample_count`
         precision[0] *= 0.5
@@ -317,8 +327,7 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
         noise += weight * _of_own_phases(change, precision, weighted, spread)
         for s in (FIRST, SECOND):
             without, with_them = (
-                sum(_of_bursts(before, int(rows[0]), (covariance, present), *b) for b in listed if b[0] == s)
-                for listed in bursts
+                sum(_of_bursts(before, int(rows[0]), covariance, *b) for b in listed if b[0] == s) for listed in bursts
             )
             noise += len(everything) * (math.sqrt(with_them) - math.sqrt(without)) ** 2
         mean = 0.5 * (fit + fit_other)
@@ -332,6 +341,7 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
         sign = np.sign(_line(before, FIRST, rows))[0]
         moved = _against(mean - np.mean(mean, axis=0), spread, _PHASES, float(sign))
         phase += weight * float(np.sum(moved))
+    noise += powers.matched()
     return MatchedSize(*(math.sqrt(x) for x in (shape, ranging, amplitude, noise, phase, balance)))
 
 
@@ -342,13 +352,45 @@ def _against(fit: np.ndarray, spread: np.ndarray, columns: tuple[int, int], sign
     return (fit[:, a] + sign * fit[:, b]) ** 2 / variance
 
 
-def _spectral(nominal_: np.ndarray, true: np.ndarray, present: np.ndarray) -> float:
-    """Return d^2 of one sweep's spectral powers: sum of squared logarithms of their ratios."""
-    if np.array_equal(nominal_, true):
-        return 0.0
+def _log_ratio(nominal_: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Return the logarithm of a covariance relative to another, whitened by this [samples / 2, 4, 4]."""
     root = np.linalg.inv(np.linalg.cholesky(nominal_))
-    ratio = np.linalg.eigvalsh(root @ true @ np.conj(np.swapaxes(root, 1, 2)))
-    return float(np.sum(np.log(np.maximum(ratio, 1e-12)) ** 2))
+    values, vectors = np.linalg.eigh(root @ true @ np.conj(np.swapaxes(root, 1, 2)))
+    return (vectors * np.log(np.maximum(values, 1e-12))[:, None, :]) @ np.conj(np.swapaxes(vectors, 1, 2))
+
+
+class _Powers:
+    """Changes of the noise's spectral powers in all settings.
+
+    Each station's floor and each oscillator's skirts, their level and their tilt up to the Nyquist frequency, are known
+    to a standard deviation, alike in all settings. What they may be counts for nothing.
+    """
+
+    def __init__(self) -> None:
+        self._normal = np.diag(np.array([FLOOR_KNOWN] * 2 + [SKIRTS_KNOWN] * 4) ** -2.0)
+        self._along = np.zeros(6)
+        self._squares = 0.0
+
+    def add(self, sweeps: int, before: Scene, row: int, after: Scene) -> None:
+        """Add a setting of so many sweeps like one."""
+        nominal_ = _covariance(before, row, before)[0]
+        true = _covariance(before, row, after)[0]
+        if np.array_equal(nominal_, true):
+            return
+        raised, tilted = 1.0 / _POWER_NEPER, np.linspace(-1.0, 1.0, len(nominal_)) / _POWER_NEPER  # by 1 dB
+        skirts = [(1.0 + x, 1.0) for x in (raised, tilted)] + [(1.0, 1.0 + x) for x in (raised, tilted)]
+        errors = [_covariance(before, row, before, floors)[0] for floors in ((1.0 + raised, 1.0), (1.0, 1.0 + raised))]
+        errors += [_covariance(before, row, before, skirts=both)[0] for both in skirts]
+        root = np.linalg.inv(np.linalg.cholesky(nominal_))
+        slopes = np.stack([root @ (error - nominal_) @ np.conj(np.swapaxes(root, 1, 2)) for error in errors])
+        change = _log_ratio(nominal_, true)
+        self._normal += sweeps * np.einsum('kfij,lfij->kl', np.conj(slopes), slopes).real
+        self._along += sweeps * np.einsum('kfij,fij->k', np.conj(slopes), change).real
+        self._squares += sweeps * float(np.sum(np.abs(change) ** 2))
+
+    def matched(self) -> float:
+        """Return d^2 of all settings."""
+        return max(self._squares - float(self._along @ np.linalg.solve(self._normal, self._along)), 0.0)
 
 
 def _of_own_phases(change: _Changes, precision: np.ndarray, weighted: np.ndarray, spread: np.ndarray) -> float:
@@ -388,7 +430,7 @@ def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _of_bursts(
     before: Scene,
     row: int,
-    nominal_: tuple[np.ndarray, np.ndarray],
+    nominal_: np.ndarray,
     station: int,
     probability: float,
     length: float,
@@ -399,7 +441,7 @@ def _of_bursts(
     floor = before.noise_floor.copy()
     floor[station] += 10.0 * np.log10(1.0 + power / before.noise_std(station) ** 2)
     louder = _covariance(before, row, dataclasses.replace(before, noise_floor=floor))[0]
-    covered = _spectral(nominal_[0], louder, nominal_[1])  # were all of the sweep in a burst
+    covered = float(np.sum(np.abs(_log_ratio(nominal_, louder)) ** 2))  # were all of the sweep in a burst
     windows = max(count / length, 1.0)
     chance = min(probability / windows, 1.0 - 1e-12)
     return 2.0 * windows * _mixture_divergence(chance, math.sqrt(covered / windows))
