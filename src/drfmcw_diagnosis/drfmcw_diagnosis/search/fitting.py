@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..compare.comparison import Comparison
 from ..compare.kinds.explained import Explained
 from ..compare.limits import MODEL
 from ..compare.over_sweep import fadings
+from ..compare.predicting import displaces
 from .fitted import Fitted, FittedEffect, Freedom, Linearised, cells_of, rows_of_series
 from .limits import FIT
 from .starts.bank import Candidate
@@ -77,6 +78,7 @@ class Fitting(Templates):
         beside: np.ndarray | float = 0.0,
         freedom: 'Freedom | None' = None,
         linearised: Linearised | None = None,
+        near: Fitted | None = None,
         exact: bool = False,
     ) -> Fitted:
         """Fit the parameters of effects together.
@@ -88,11 +90,13 @@ class Fitting(Templates):
             freedom: of these others, which may follow to first order; the result's misfit is then that without it.
             linearised: distortions and bursts of an explanation that differs from `start` by some effects; used where
                 these hardly change the lines.
+            near: explanation that shares effects with `start`; where their values are the same, the first step takes
+                their slopes, see `slopes`, for those beside the others.
             exact: the fit goes on to the end, and the result's template is that of the full model, to which a
                 linearised one must be near.
         """
         if linearised is not None and self._is_near(start, linearised):
-            fitted = self._fit(start, steps, beside, freedom, None, linearised, exact)
+            fitted = self._fit(start, steps, beside, freedom, None, linearised, near, exact)
             if linearised.holds([e.values for e in fitted.effects if e.candidate.acts]):
                 fitted = dataclasses.replace(fitted, linearised=linearised)
                 if not exact:
@@ -102,7 +106,7 @@ class Fitting(Templates):
                     return self._with_template(fitted, template, freedom)
         for _ in range(FIT.rounds):
             around = _undistorted([c.build(values) for c, values in start])
-            fitted = self._fit(start, steps, beside, freedom, around, exact=exact)
+            fitted = self._fit(start, steps, beside, freedom, around, near=near, exact=exact)
             if around is None:
                 return fitted
             template = beside + self._template([e.build() for e in fitted.effects])
@@ -131,6 +135,7 @@ class Fitting(Templates):
         freedom: 'Freedom | None',
         around: tuple[Effect, ...] | None,
         linearised: Linearised | None = None,
+        near: Fitted | None = None,
         exact: bool = False,
     ) -> Fitted:
         """Fit with a distortion that acts on the effects `around`, see `Comparison.template`, or with a known one."""
@@ -159,13 +164,16 @@ class Fitting(Templates):
             return float(np.sum(left(whitening(y - other)) ** 2))
 
         misfit = misfit_of(template)
+        known = self._slopes_of(start, near)
+        steps_of = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
         damping, determined, still = 1e-3, 0, False
         normal = np.eye(len(point))
         while still or determined < steps:
             if not still:
-                slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names)))
+                slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names, steps_of, known)))
                 normal = slope @ slope.T
-                determined += 1
+                still, known = bool(known), {}
+                determined += not still
             gradient = slope @ whitening(y - template)
             improved = False
             for _ in range(1 if still else 6):
@@ -180,7 +188,7 @@ class Fitting(Templates):
                 damping = max(damping, 1e-6) * 10.0
             if not improved and not still:
                 break
-            if not improved:  # the slopes are those of an earlier point
+            if not improved:  # the slopes are those of an earlier point, or beside other effects
                 still = False
                 continue
             change = trial - point
@@ -211,6 +219,8 @@ class Fitting(Templates):
         template_at: Callable[[np.ndarray], np.ndarray],
         chosen: Sequence[Candidate],
         names: Sequence[tuple[int, str]],
+        steps: np.ndarray,
+        known: Mapping[int, np.ndarray],
     ) -> np.ndarray:
         """Return by how much each parameter changes a template (P, n).
 
@@ -220,18 +230,52 @@ class Fitting(Templates):
             template_at: returns it at other values.
             chosen: the effects.
             names: number of the effect and name of each parameter.
+            steps: of the parameters (P,); in place, those that turn out too long are shortened.
+            known: those of some parameters, by their number.
         """
         groups = self.comparison.entries.group
         slopes = np.empty((len(point), len(template)))
-        sets = self._moved_together(chosen, names)
-        step = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
-        moved = [np.where(np.isin(np.arange(len(point)), together), point + step, point) for together in sets]
-        for together, row, other in zip(sets, moved, self._workers.map(template_at, moved), strict=True):
-            change = other - template
+        for k, slope in known.items():
+            slopes[k] = slope
+
+        def moved(together: list[int]) -> tuple[np.ndarray, np.ndarray]:
+            step = np.where(np.isin(np.arange(len(point)), together), steps, 0.0)
+            change = template_at(point + step) - template
+            if not displaces(chosen[names[together[0]][0]].kind):
+                return step, change
+            for _ in range(FIT.shorter):  # the phase of a moving crane turns within little
+                far = float(np.sum(self.whitening(change) ** 2)) / len(together)
+                if far <= FIT.stride**2:
+                    break
+                step *= FIT.shortened / math.sqrt(far)
+                change = template_at(point + step) - template
+            return step, change
+
+        sets = [together for together in self._moved_together(chosen, names) if together[0] not in known]
+        for together, (step, change) in zip(sets, self._workers.map(moved, sets), strict=True):
+            steps[together] = step[together]
             for number, k in enumerate(together):
                 own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
-                slopes[k] = own / (row[k] - point[k])
+                slopes[k] = own / step[k]
         return slopes
+
+    def _slopes_of(
+        self, start: Sequence[tuple[Candidate, dict[str, float]]], near: Fitted | None
+    ) -> dict[int, np.ndarray]:
+        """Return the slopes (n,) of those effects that an explanation has with the same values, by the parameter.
+
+        None where a distortion acts on the sum of all.
+        """
+        if near is None or any(c.acts for c, _ in (*start, *near.start)):
+            return {}
+        slopes, first = self.slopes(near), 0
+        found: dict[int, np.ndarray] = {}
+        for candidate, values in start:
+            for effect, own in zip(near.effects, near.spans, strict=True):
+                if effect.candidate == candidate and effect.values == values:
+                    found |= dict(enumerate(slopes[own], start=first))
+            first += len(candidate.free)
+        return found
 
     def linearised(self, fitted: Fitted | None, slopes: np.ndarray) -> Linearised | None:
         """Return the distortions and bursts of an explanation to first order; None where there are none.
@@ -429,20 +473,20 @@ class Fitting(Templates):
         """Return by how much each parameter of an explanation changes its template (parameters, n), none of None."""
         if fitted is None:
             return np.zeros((0, len(self.comparison.residual)))
-        effects = list(fitted.effects)
-        around = _undistorted([e.build() for e in effects])
-        template = fitted.template if around is None else self._template([e.build() for e in effects], around)
+        chosen = [e.candidate for e in fitted.effects]
+        names = [(i, name) for i, c in enumerate(chosen) for name in c.free]
+        around = _undistorted(fitted.build())
 
-        def slope(parameter: tuple[int, str]) -> np.ndarray:
-            number, name = parameter
-            effect = effects[number]
-            step = self._step(effect.candidate, name, effect.values[name])
-            moved = dataclasses.replace(effect, values=effect.values | {name: effect.values[name] + step})
-            others = [moved if i == number else e for i, e in enumerate(effects)]
-            return (self._template([e.build() for e in others], around) - template) / step
+        def template_at(p: np.ndarray) -> np.ndarray:
+            values = [dict(e.values) for e in fitted.effects]
+            for (i, name), value in zip(names, p, strict=True):
+                values[i][name] = float(value)
+            return self._template([c.build(v) for c, v in zip(chosen, values, strict=True)], around)
 
-        key = tuple((e.key, e.candidate.free, tuple(e.values.items())) for e in effects)
+        key = tuple((e.key, e.candidate.free, tuple(e.values.items())) for e in fitted.effects)
         if key != self._slopes[0]:
-            names = [(number, name) for number, effect in enumerate(effects) for name in effect.candidate.free]
-            self._slopes = key, np.array(self._workers.map(slope, names))
+            point = np.array([fitted.effects[i].values[name] for i, name in names])
+            template = fitted.template if around is None else template_at(point)
+            steps = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
+            self._slopes = key, self._slopes_at(point, template, template_at, chosen, names, steps, {})
         return self._slopes[1]

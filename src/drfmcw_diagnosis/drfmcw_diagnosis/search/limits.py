@@ -26,6 +26,16 @@ class FitLimits:
     """Share by which the gain of a step may differ from what the slopes promise, while these are used again [1];
     chosen."""
 
+    stride: float = 2.0
+    """Standard deviations of the data by which a step of a numerical derivative may change a template; chosen: the
+    phase of a moving crane turns within a few."""
+
+    shortened: float = 0.25
+    """The same of a step that was too long; chosen."""
+
+    shorter: int = 2
+    """Times, at most, that such a step is made shorter; chosen."""
+
     steps: int = 12
     """Steps of Levenberg and Marquardt's method, at most; chosen."""
 

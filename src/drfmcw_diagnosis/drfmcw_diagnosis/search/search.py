@@ -21,7 +21,7 @@ class Search(Promising):
     def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]], known: Fitted) -> list[Fitted]:
         """Return explanations, each fitted from its start, which has some effects of a `known` one exchanged."""
         linearised = self.linearised(known, self.slopes(known)) if starts else None
-        return self._workers.map(lambda start: self.fit(start, linearised=linearised), starts)
+        return self._workers.map(lambda start: self.fit(start, linearised=linearised, near=known), starts)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from its present values."""
@@ -122,7 +122,9 @@ class Search(Promising):
 
         def refined(point: tuple) -> Fitted | None:
             alone = self._alone(point, rest, freedom, added, goal)
-            return None if alone is None else self.fit([*rest.start[:number], *alone.start, *rest.start[number:]])
+            if alone is None:
+                return None
+            return self.fit([*rest.start[:number], *alone.start, *rest.start[number:]], near=fitted)
 
         with self.amid(rest):
             promising = self._promising(residual, rest.effects, freedom, candidate.effect)
@@ -220,7 +222,7 @@ class Search(Promising):
             return min(at, key=lambda f: f.misfit)
 
         def refined(begun: Fitted) -> Fitted:
-            return self.fit([*base, begun.start[-1]], SEARCH.joint_steps, linearised=linearised)
+            return self.fit([*base, begun.start[-1]], SEARCH.joint_steps, linearised=linearised, near=current)
 
         def finished(begun: Fitted) -> Fitted:
             return self.fit(begun.start, linearised=linearised)
@@ -299,7 +301,7 @@ class Search(Promising):
                     if alone is None:
                         return None
                     point = alone.start[0]
-                begun = self.fit([*base, point], SEARCH.first_steps, linearised=linearised)
+                begun = self.fit([*base, point], SEARCH.first_steps, linearised=linearised, near=fitted)
                 if begun.misfit - fitted.misfit > margin:
                     return None
                 return self.fit(begun.start, linearised=linearised)
@@ -375,7 +377,7 @@ class Search(Promising):
             return alone.misfit - misfit < max(SEARCH.far * SEARCH.rival, least)
 
         def refined(start: list[tuple[Candidate, dict[str, float]]]) -> Fitted:
-            return self.fit(start, linearised=linearised)
+            return self.fit(start, linearised=linearised, near=fitted)
 
         found: list[Fitted] = []
         # in the place of most effects first: if that is as good, an effect beside it is found when it is wanted
