@@ -305,6 +305,9 @@ class SimulationLimits:
     frequencies: int = 16
     """Frequencies of each noise band at which the skirts are taken; chosen."""
 
+    halvings: int = 24
+    """Of the range in which the median of a band is sought; chosen: to a part in 1e7."""
+
 
 @dataclasses.dataclass(frozen=True)
 class LeftoverLimits:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import exp1
+from scipy.special import exp1, ndtr
 
 from drfmcw_node.estimators.noise import QUANTISATION
 from drfmcw_physics.constants import DECIBELS_PER_NEPER
@@ -38,6 +38,7 @@ class NoiseModel:
         amplitude = np.array([sweeps.amplitude.mean(axis=0) for sweeps in recorded.sweeps])
         # of the lines (G, S), at each frequency of a line [LSB^2]
         self._powers = 10.0 ** (amplitude / 10.0) * self._topology.line_share
+        self._counts = np.array(recorded.quiet_counts, float)  # sweeps whose spectra a mean has (G, S)
         self._lines = np.array([sweeps.line.mean(axis=0) for sweeps in recorded.sweeps])
         self._powers *= self._spread(recorded)
         self._known: dict[tuple, np.ndarray] = {}  # coherences by what they depend on
@@ -101,7 +102,8 @@ class NoiseModel:
         kept = (SPECTRUM.edge * width <= centre) & (centre <= rate / 2 - SPECTRUM.edge * width)
         kept = kept & (np.abs(centre - own) >= SPECTRUM.line * width)  # a band that a line fills is not compared
         total = floor + np.where(kept, skirts, np.nan)
-        noise = 10.0 * np.log10(_median(total.reshape(*line.shape, SPECTRUM.bands, SIMULATION.frequencies)))
+        bands = total.reshape(*line.shape, SPECTRUM.bands, SIMULATION.frequencies)
+        noise = 10.0 * np.log10(_median(bands, self._counts[part.groups][..., None]))
         decisive = (
             int(part.groups[0]),
             *oscillators,
@@ -252,9 +254,27 @@ def _thermal(station: Station, passed: np.ndarray) -> np.ndarray:
     return variance
 
 
-def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median over the last axis of what is not NaN, NaN where nothing is."""
-    ordered = np.sort(values, axis=-1)  # NaN last
-    count = np.count_nonzero(~np.isnan(ordered), axis=-1)[..., None]
-    middle = [np.take_along_axis(ordered, np.maximum(at, 0), axis=-1)[..., 0] for at in ((count - 1) // 2, count // 2)]
-    return 0.5 * (middle[0] + middle[1])
+def _median(values: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return what the median of a band shows whose bins scatter about their expectations, NaN where nothing is.
+
+    The mean of `count` exponential powers is, to the power of a third, nearly normal (Wilson, Hilferty 1931). Where
+    the expectation varies over the band, the median over bins is not that of the expectations.
+
+    Args:
+        values: expected power over the frequency (..., F), NaN where there is none.
+        count: of powers in the mean of each bin (...), at least 1.
+    """
+    used = ~np.isnan(values)
+    root = np.cbrt(np.where(used, values, 1.0))
+    middle = (1.0 - 1.0 / (9.0 * count))[..., None]
+    sharpness = 3.0 * np.sqrt(count)[..., None]
+    low = np.min(root, axis=-1, where=used, initial=np.inf)
+    high = np.max(root, axis=-1, where=used, initial=0.0)
+    half = 0.5 * np.count_nonzero(used, axis=-1)
+    empty = half == 0.0
+    low[empty] = high[empty]
+    for _ in range(SIMULATION.halvings):
+        tried = 0.5 * (low + high)
+        below = np.sum(ndtr(sharpness * middle * (tried[..., None] / root - 1.0)), axis=-1, where=used) < half
+        low, high = np.where(below, tried, low), np.where(below, high, tried)
+    return np.where(empty, np.nan, (0.5 * (low + high)) ** 3)

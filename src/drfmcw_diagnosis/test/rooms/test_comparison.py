@@ -47,6 +47,22 @@ def test_noise_behind_a_coupling_is_as_expected(tmp_path):
     assert np.sum(left**2) < len(left) + 5.0 * math.sqrt(2.0 * len(left)) + 10.0
 
 
+def test_the_median_of_few_sweeps_shows_a_steep_band(tmp_path):
+    """Bins scatter by a fifth about a power that falls to nothing; their median is 0.3 dB below that of the power.
+
+    The mean of 12 bands exceeds five standard deviations with a chance of 1e-6.
+    """
+    coupling = {'effect': 'ac_coupling', 'station': 'slave', 'pole': 45e3}
+    standing = {'distances': np.linspace(300.0, 620.0, 12).tolist(), 'sweeps': 24}
+    scenario = scene({'standing': standing}, effects=[coupling], reference={'range_std': 0.005})
+    comparison = Comparison(read_dataset(record(scenario, tmp_path / 'r')))
+    template = comparison.template((Effect.registry['ac_coupling'](station='slave', pole=45e3),))
+    left = (comparison.residual - template)[comparison.entries.where(kind='noise', station=1)]
+    lowest = left.reshape(12, -1)[:, 0]
+    assert np.isfinite(lowest).all()
+    assert abs(np.mean(lowest)) < 5.0 / math.sqrt(12.0)
+
+
 @pytest.mark.parametrize('cut', range(0, 200, 10))
 def test_both_stations_are_compared_over_the_same_spans(cut):
     """The later start of one window may leave out a span that the other one covers."""
