@@ -13,6 +13,7 @@ from drfmcw_sim.measurements import Measurements, Station
 
 from ..features import coherence
 from ..features.limits import SIDEBANDS, SPECTRUM
+from ..features.spectra import median_of_mean
 from .groups import Part
 from .limits import MODEL, SIMULATION
 from .recorded_sweeps import RecordedSweeps
@@ -266,7 +267,7 @@ def _median(values: np.ndarray, count: np.ndarray) -> np.ndarray:
     """
     used = ~np.isnan(values)
     root = np.cbrt(np.where(used, values, 1.0))
-    middle = (1.0 - 1.0 / (9.0 * count))[..., None]
+    middle = np.cbrt(median_of_mean(count))[..., None]
     sharpness = 3.0 * np.sqrt(count)[..., None]
     low = np.min(root, axis=-1, where=used, initial=np.inf)
     high = np.max(root, axis=-1, where=used, initial=0.0)

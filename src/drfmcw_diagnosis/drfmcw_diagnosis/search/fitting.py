@@ -165,12 +165,12 @@ class Fitting(Templates):
 
         misfit = misfit_of(template)
         known = self._slopes_of(start, near)
-        steps_of = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
+        strides = self._strides(point, chosen, names)
         damping, determined, still = 1e-3, 0, False
         normal = np.eye(len(point))
         while still or determined < steps:
             if not still:
-                slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names, steps_of, known)))
+                slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names, strides, known)))
                 normal = slope @ slope.T
                 still, known = bool(known), {}
                 determined += not still
@@ -219,7 +219,7 @@ class Fitting(Templates):
         template_at: Callable[[np.ndarray], np.ndarray],
         chosen: Sequence[Candidate],
         names: Sequence[tuple[int, str]],
-        steps: np.ndarray,
+        strides: np.ndarray,
         known: Mapping[int, np.ndarray],
     ) -> np.ndarray:
         """Return by how much each parameter changes a template (P, n).
@@ -230,7 +230,7 @@ class Fitting(Templates):
             template_at: returns it at other values.
             chosen: the effects.
             names: number of the effect and name of each parameter.
-            steps: of the parameters (P,); in place, those that turn out too long are shortened.
+            strides: steps of the parameters (P,); in place, those that turn out too long are shortened.
             known: those of some parameters, by their number.
         """
         groups = self.comparison.entries.group
@@ -239,7 +239,7 @@ class Fitting(Templates):
             slopes[k] = slope
 
         def moved(together: list[int]) -> tuple[np.ndarray, np.ndarray]:
-            step = np.where(np.isin(np.arange(len(point)), together), steps, 0.0)
+            step = np.where(np.isin(np.arange(len(point)), together), strides, 0.0)
             change = template_at(point + step) - template
             if not displaces(chosen[names[together[0]][0]].kind):
                 return step, change
@@ -253,7 +253,7 @@ class Fitting(Templates):
 
         sets = [together for together in self._moved_together(chosen, names) if together[0] not in known]
         for together, (step, change) in zip(sets, self._workers.map(moved, sets), strict=True):
-            steps[together] = step[together]
+            strides[together] = step[together]
             for number, k in enumerate(together):
                 own = change if len(together) == 1 else np.where(groups == number, change, 0.0)
                 slopes[k] = own / step[k]
@@ -334,6 +334,10 @@ class Fitting(Templates):
         """Return the step of a numerical derivative, away from the upper bound."""
         step = candidate.recipe.step(name, value)
         return -step if value + step > self.bounds(candidate, name)[1] else step
+
+    def _strides(self, point: np.ndarray, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]) -> np.ndarray:
+        """Return the steps of the numerical derivatives at a point (P,); arguments as `_slopes_at`."""
+        return np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
 
     def bounds(self, candidate: Candidate, name: str) -> tuple[float, float]:
         """Return the bounds of a parameter: as declared, and a time no longer than the recording if the recipe says."""
@@ -487,6 +491,6 @@ class Fitting(Templates):
         if key != self._slopes[0]:
             point = np.array([fitted.effects[i].values[name] for i, name in names])
             template = fitted.template if around is None else template_at(point)
-            steps = np.array([self._step(chosen[i], name, at) for (i, name), at in zip(names, point, strict=True)])
-            self._slopes = key, self._slopes_at(point, template, template_at, chosen, names, steps, {})
+            strides = self._strides(point, chosen, names)
+            self._slopes = key, self._slopes_at(point, template, template_at, chosen, names, strides, {})
         return self._slopes[1]

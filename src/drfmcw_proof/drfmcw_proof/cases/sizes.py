@@ -303,7 +303,7 @@ def _between(condition: Condition, some: Sequence[Applied], all_: Sequence[Appli
         rows = everything[np.unique(np.linspace(0, len(everything) - 1, most).astype(int))]
         weight = len(everything) / len(rows)
         covariance, present = _covariance(before, int(rows[0]), before)
-        powers.add(len(everything), before, int(rows[0]), after)
+        powers.add(len(everything), covariance, before, int(rows[0]), after)
         precision = 2.0 * np.linalg.inv(covariance) * (present[:, :, None] & present[:, None, :])
         precision /= condition.sample_rate * condition.sample_count  # densities of transforms of `sample_count`
         precision[0] *= 0.5
@@ -352,10 +352,15 @@ def _against(fit: np.ndarray, spread: np.ndarray, columns: tuple[int, int], sign
     return (fit[:, a] + sign * fit[:, b]) ** 2 / variance
 
 
-def _log_ratio(nominal_: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Return the logarithm of a covariance relative to another, whitened by this [samples / 2, 4, 4]."""
+def _whitened(nominal_: np.ndarray, *others: np.ndarray) -> list[np.ndarray]:
+    """Return covariances [samples / 2, 4, 4] in units of one, which is the identity then."""
     root = np.linalg.inv(np.linalg.cholesky(nominal_))
-    values, vectors = np.linalg.eigh(root @ true @ np.conj(np.swapaxes(root, 1, 2)))
+    return [root @ other @ np.conj(np.swapaxes(root, 1, 2)) for other in others]
+
+
+def _logarithm(ratio: np.ndarray) -> np.ndarray:
+    """Return the logarithm of whitened covariances [samples / 2, 4, 4]."""
+    values, vectors = np.linalg.eigh(ratio)
     return (vectors * np.log(np.maximum(values, 1e-12))[:, None, :]) @ np.conj(np.swapaxes(vectors, 1, 2))
 
 
@@ -371,9 +376,8 @@ class _Powers:
         self._along = np.zeros(6)
         self._squares = 0.0
 
-    def add(self, sweeps: int, before: Scene, row: int, after: Scene) -> None:
-        """Add a setting of so many sweeps like one."""
-        nominal_ = _covariance(before, row, before)[0]
+    def add(self, sweeps: int, nominal_: np.ndarray, before: Scene, row: int, after: Scene) -> None:
+        """Add a setting of so many sweeps like one, of which `nominal_` is the covariance before."""
         true = _covariance(before, row, after)[0]
         if np.array_equal(nominal_, true):
             return
@@ -381,9 +385,8 @@ class _Powers:
         skirts = [(1.0 + x, 1.0) for x in (raised, tilted)] + [(1.0, 1.0 + x) for x in (raised, tilted)]
         errors = [_covariance(before, row, before, floors)[0] for floors in ((1.0 + raised, 1.0), (1.0, 1.0 + raised))]
         errors += [_covariance(before, row, before, skirts=both)[0] for both in skirts]
-        root = np.linalg.inv(np.linalg.cholesky(nominal_))
-        slopes = np.stack([root @ (error - nominal_) @ np.conj(np.swapaxes(root, 1, 2)) for error in errors])
-        change = _log_ratio(nominal_, true)
+        ratio, *changed = _whitened(nominal_, true, *(error - nominal_ for error in errors))
+        change, slopes = _logarithm(ratio), np.stack(changed)
         self._normal += sweeps * np.einsum('kfij,lfij->kl', np.conj(slopes), slopes).real
         self._along += sweeps * np.einsum('kfij,fij->k', np.conj(slopes), change).real
         self._squares += sweeps * float(np.sum(np.abs(change) ** 2))
@@ -441,7 +444,10 @@ def _of_bursts(
     floor = before.noise_floor.copy()
     floor[station] += 10.0 * np.log10(1.0 + power / before.noise_std(station) ** 2)
     louder = _covariance(before, row, dataclasses.replace(before, noise_floor=floor))[0]
-    covered = float(np.sum(np.abs(_log_ratio(nominal_, louder)) ** 2))  # were all of the sweep in a burst
+    (ratio,) = _whitened(nominal_, louder)
+    covered = float(
+        np.sum(np.log(np.maximum(np.linalg.eigvalsh(ratio), 1e-12)) ** 2)
+    )  # were all of the sweep in a burst
     windows = max(count / length, 1.0)
     chance = min(probability / windows, 1.0 - 1e-12)
     return 2.0 * windows * _mixture_divergence(chance, math.sqrt(covered / windows))
