@@ -105,7 +105,8 @@ def test_recorder_that_is_killed_does_not_end_the_graph(tmp_path):
         start_graph(
             s.graph, path, read_scenario(path), {'rate': 1.0}, s.monitor, tmp_path / 'run', keep_alive=True
         )  # fmt: skip
-        s.wait(lambda: s.monitor.total > 50, 'ranges')
+        s.wait((tmp_path / 'run' / 'run_0.mcap').exists, 'the recording')
+        s.wait(lambda: recorded_ranges(tmp_path / 'run' / 'run_0.mcap') > 20, 'recorded ranges')
         recorder = s.graph.members['recorder']
         recorder.process.send_signal(signal.SIGKILL)
         before = s.monitor.total
