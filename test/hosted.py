@@ -6,6 +6,7 @@ import http.client
 import json
 import shutil
 import ssl
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,6 +33,24 @@ def wait(condition: Callable[[], Any], what: str, words: Callable[[], str] = lam
     while not condition():
         assert time.monotonic() < end, f'waited {LIMIT:g} s for {what}; {words()}'
         time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def repeated(publish: Callable[[], object]) -> Iterator[None]:
+    """Publish ten times a second, until the publishers may be destroyed."""
+    ended = threading.Event()
+
+    def turn() -> None:
+        while not ended.wait(0.1):
+            publish()
+
+    thread = threading.Thread(target=turn)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from drfmcw_msgs.msg import RangeEstimate
-from hosted import PASSWORD, USER, Pages, chromium, inaccessible, wait
+from hosted import PASSWORD, USER, Pages, chromium, inaccessible, repeated, wait
 from playwright.sync_api import Page, expect
 from ports import free_port
 from rcl_interfaces.msg import Log
@@ -343,9 +343,8 @@ def test_hostile_names_are_text(site):
         ranges.publish(message)
         logs.publish(Log(level=255, name=HOSTILE, msg=HOSTILE))
 
-    timer = node.create_timer(0.1, publish)
     try:
-        with site.page('/stations') as page:
+        with repeated(publish), site.page('/stations') as page:
             cell = page.locator('tbody[data-field=diagnostics] td', has_text='onerror').first
             cell.wait_for()
             assert HOSTILE in cell.text_content()
@@ -358,7 +357,6 @@ def test_hostile_names_are_text(site):
                 assert page.evaluate('() => window.hacked') is None
                 assert page.locator('img[src=x]').count() == 0
     finally:
-        node.destroy_timer(timer)
         node.destroy_publisher(diagnostics)
         node.destroy_publisher(ranges)
         node.destroy_publisher(logs)
@@ -402,9 +400,11 @@ def test_findings_appear_by_themselves_beside_what_is_open(site):
     diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.RELIABLE)
     status = DiagnosticStatus(level=DiagnosticStatus.WARN, name='/master/slave/watch: Model master/slave')
     status.message = 'left out of the model: sweep ripple at master'
-    timer = node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=[status])))
     try:
-        with site.page('/diagnosis') as page:
+        with (
+            repeated(lambda: diagnostics.publish(DiagnosticArray(status=[status]))),
+            site.page('/diagnosis') as page,
+        ):
             row = page.locator('tbody[data-field=watch] tr', has_text='sweep ripple')
             expect(row.locator('td').first).to_have_text('Warning')
             page.locator('svg.strip rect[data-state=doubtful]').wait_for(state='attached')
@@ -424,7 +424,6 @@ def test_findings_appear_by_themselves_beside_what_is_open(site):
             expect(entries).to_have_count(1)
             expect(heading).to_be_visible()
     finally:
-        node.destroy_timer(timer)
         node.destroy_publisher(diagnostics)
 
 

@@ -4,7 +4,6 @@ import collections
 import contextlib
 import dataclasses
 import functools
-import threading
 import time
 from collections.abc import Iterator, Sequence
 
@@ -16,7 +15,7 @@ from drfmcw_fusion.pipeline import flag_names
 from drfmcw_ros.graph import qos
 from drfmcw_ros.graph.messages import stamp_ns
 from drfmcw_ros.graph.publishers import Publishers
-from drfmcw_ros.nodes.runner import Executor
+from drfmcw_ros.nodes.runner import spinning
 
 _RATE_TIME = 2.0  # over which the rate is counted [s]
 
@@ -110,15 +109,10 @@ def monitored(pairs: Sequence[str], domain_id: int | None = None, keep: bool = F
     rclpy.init(args=[], domain_id=domain_id, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     try:
         node = RangeMonitor(pairs, keep)
-        executor = Executor()
-        executor.add_node(node)
-        spinning = threading.Thread(target=executor.spin, daemon=True)
-        spinning.start()
         try:
-            yield node
+            with spinning(node):
+                yield node
         finally:
-            executor.shutdown()
-            spinning.join(2.0)
             node.destroy_node()
     finally:
         rclpy.utilities.try_shutdown()

@@ -3,6 +3,7 @@
 import array
 import dataclasses
 import math
+import time
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ from drfmcw_physics.sweep import SweepSettings
 from drfmcw_ros.graph.messages import to_message
 from drfmcw_ros.graph.publishers import Publishers
 from drfmcw_ros.nodes.diagnostics import Diagnostics, Status
-from drfmcw_ros.nodes.runner import Executor, Finished, failures, spin
+from drfmcw_ros.nodes.runner import Executor, Finished, failures, spin, spinning
 
 START = 1_700_000_000_000_000_000
 FUZZ = hypothesis_settings(
@@ -303,4 +304,14 @@ def test_exception_in_a_callback_is_counted_and_survived():
     node.diagnostics._report_failures(status)
     assert 'ZeroDivisionError' in status.messages[0]
     assert not node.diagnostics._report_failures(Status())
+    node.destroy_node()
+
+
+def test_exception_in_a_thread_beside_is_counted_and_survived():
+    node = Failing()
+    with spinning(node):
+        end = time.monotonic() + 60.0
+        while node.calls < 19 and time.monotonic() < end:
+            time.sleep(0.01)
+    assert failures(node).count >= 9, 'the thread went on after each'
     node.destroy_node()

@@ -14,7 +14,6 @@ from typing import Any
 
 import rclpy
 from drfmcw_msgs.msg import BeatFrequency
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
@@ -25,6 +24,7 @@ from ..graph import qos
 from ..graph.messages import NANOSECONDS, message_class
 from ..graph.topics import STATION_TOPICS, is_latched, is_measured, is_per_peer, split_station_topic
 from ..nodes.diagnostics import WARN, Diagnostics, Status
+from ..nodes.runner import spinning
 from ..work.progress import Progress
 from .files import BagReader, typestore
 
@@ -122,12 +122,7 @@ def play(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
         rclpy.init(args=['player', *ros_arguments])
         cleanup.callback(rclpy.try_shutdown)
         node = PlayerNode(bag, flow_control=not arguments.rate)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        spinning = threading.Thread(target=executor.spin, daemon=True)
-        spinning.start()
-        cleanup.callback(spinning.join, 2.0)
-        cleanup.callback(executor.shutdown)
+        cleanup.enter_context(spinning(node))
         for station in node.wait_for_subscribers(arguments.wait):
             node.get_logger().warning(f"nobody listens to '/{station}/if_samples'")
         _play(node, bag, arguments)

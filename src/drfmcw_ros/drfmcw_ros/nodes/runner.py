@@ -1,13 +1,15 @@
 """Running a node as a process: start, spin, and a clean end on Ctrl-C, SIGTERM or a wrong configuration."""
 
+import contextlib
 import gc
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import rclpy
@@ -28,6 +30,7 @@ from ..operation.watchdog import Watchdog
 RCLError: type[Exception] = rclpy_implementation.RCLError
 _TURN = 0.05  # of a node's streams while messages flow, and at most then of everything else [s]
 _LOG_INTERVAL = 10.0  # between two lines about failing callbacks [s]
+_JOIN_LIMIT = 2.0  # for a callback that runs while its thread is to end [s]
 
 
 class Finished(Exception):
@@ -100,6 +103,7 @@ class Failures:
         """Start with none."""
         self.count = 0
         self.last = ''  # its text and where it was raised
+        self._logged = -_LOG_INTERVAL
 
     def add(self, error: BaseException) -> None:
         """Count an exception and keep its text and location."""
@@ -109,6 +113,13 @@ class Failures:
         text = ' '.join(str(error).split())[:200]
         self.count += 1
         self.last = f'{type(error).__name__}: {text} ({where})'
+
+    def report(self, node: Node, error: BaseException) -> None:
+        """Count an exception, and log it unless another one was logged just before."""
+        self.add(error)
+        if time.monotonic() - self._logged >= _LOG_INTERVAL:
+            self._logged = time.monotonic()
+            node.get_logger().error(f'a callback failed, {self.count} so far: {self.last}')
 
 
 _FAILURES: weakref.WeakKeyDictionary[Node, Failures] = weakref.WeakKeyDictionary()
@@ -150,7 +161,6 @@ def spin(executor: Executor, node: Node) -> None:
         Finished: the node has done its work.
         ExternalShutdownException: the context was shut down.
     """
-    counted, logged = failures(node), -_LOG_INTERVAL
     flowing = False
     while rclpy.ok() and not _SIGNALS:
         try:
@@ -165,10 +175,35 @@ def spin(executor: Executor, node: Node) -> None:
         except Exception as error:
             if _SIGNALS:
                 break
-            counted.add(error)
-            if time.monotonic() - logged >= _LOG_INTERVAL:
-                logged = time.monotonic()
-                node.get_logger().error(f'a callback failed, {counted.count} so far: {counted.last}')
+            failures(node).report(node, error)
+
+
+@contextlib.contextmanager
+def spinning(node: Node) -> Iterator[None]:
+    """Run a node's callbacks in a thread beside what the process does; count, log and survive what one of them raises.
+
+    Ends with the context's shutdown, too.
+    """
+    executor = Executor(context=node.context)
+    executor.add_node(node)
+
+    def turn() -> None:
+        while True:
+            try:
+                executor.spin()
+                return
+            except ExternalShutdownException:
+                return
+            except Exception as error:
+                failures(node).report(node, error)
+
+    thread = threading.Thread(target=turn, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        executor.shutdown()
+        thread.join(_JOIN_LIMIT)
 
 
 _SIGNALS: list[int] = []
