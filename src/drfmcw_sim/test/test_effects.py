@@ -430,6 +430,36 @@ def test_chirp_phase_is_the_integral_of_the_frequency_error(name, parameters, er
         assert value == pytest.approx(2.0 * np.pi * integral, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ('name', 'parameters', 'count', 'share'),
+    [
+        ('sweep_curvature', {'deviation': 20e3}, 5, 1e-9),  # its rate is linear over the ramp
+        ('sweep_shape', {'relative_rate': UNEVEN}, 4, 1e-9),
+        ('sweep_shape', {'relative_rate': UNEVEN}, 7, 1e-9),  # the knots of four coefficients are among those of seven
+        (
+            'sweep_ripple',
+            {'deviation': -3e3, 'rate': 1e3, 'phase': 2.2},
+            12,
+            1e-3,
+        ),  # one turn
+    ],
+)
+def test_coefficients_imitate_what_another_effect_does_to_a_chirp(name, parameters, count, share):
+    """What is left of its phase is a straight line: another start phase and another frequency."""
+    m = measured(1, alphas=(1.0, 1.0))
+    station = m.stations[1]
+    times = np.linspace(0.0, station.sweep.ramp_duration, 400)[None]
+    (effect,) = made([sized(name, **parameters)])
+    phase = effect.chirp_phase(station, times)[0]
+    shape_of = Effect.registry['sweep_shape']
+    imitation = shape_of(relative_rate=shape_of.imitating(phase, station.sweep, count), station=station.name)
+
+    def bend(phase):
+        return np.abs(phase - np.polyval(np.polyfit(times[0], phase, 1), times[0])).max()
+
+    assert bend(phase - imitation.chirp_phase(station, times)[0]) < share * bend(phase)
+
+
 def dense_phase(station, times, error):
     """Transmit phase at `times`, in turns, by 5-point Gauss quadrature of the frequency between them; 64-bit mantissa.
 

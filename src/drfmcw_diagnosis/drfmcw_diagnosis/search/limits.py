@@ -147,6 +147,9 @@ class SearchLimits:
     much: float = 0.01
     """Share of what several effects gain by which one in their place may be behind before it is refined; chosen."""
 
+    bend_points: int = 400
+    """Points of a ramp [1] at which one bend is compared with another; chosen."""
+
     behind: float = 0.2
     """Share of an effect's gain by which a substitute may then be behind; chosen."""
 

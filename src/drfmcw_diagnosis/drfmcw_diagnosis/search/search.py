@@ -13,6 +13,7 @@ from .fitted import Fitted, FittedEffect, Freedom, cells_of
 from .limits import SEARCH
 from .promising import Promising
 from .starts.bank import Candidate, of_coefficients, recipes
+from .starts.bent import bent_as
 
 
 class Search(Promising):
@@ -340,7 +341,9 @@ class Search(Promising):
 
         It takes the place of all, of its own station's, of all but one, or of one of the other station.
 
-        Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects.
+        Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects, from
+        where it bends the chirp as they do. More than the fewest coefficients are tried where they follow more, and
+        come near the explanation by it.
 
         Args:
             fitted: explanation; None for one without effects.
@@ -364,31 +367,40 @@ class Search(Promising):
         slopes = self.slopes(fitted)
         linearised = self.linearised(fitted, slopes)
         misfit = fitted.misfit if fitted is not None else self.misfit(0.0)
+        conditions = self.comparison.recorded.parts[0].steady
 
-        def gains_as_much(item: tuple[tuple, list[Candidate]]) -> bool:
+        def refined(item: tuple[tuple, list[Candidate]]) -> list[Fitted]:
             (_, _, replaced), several = item
+            fewest, *_, most = sorted(several, key=lambda c: len(c.values))
             rest = self._without(fitted, *replaced).template if fitted is not None else 0.0
             freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced)) if fitted is not None else None
-            most = max(several, key=lambda c: len(c.values))
-            alone = self.fit([(most, most.values)], SEARCH.first_steps, rest, freedom)
-            if not replaced:
-                return alone.misfit < misfit - SEARCH.least
-            least = SEARCH.much * (self.misfit(rest) - misfit)
-            return alone.misfit - misfit < max(SEARCH.far * SEARCH.rival, least)
+            others = [(e.candidate, e.values) for i, e in enumerate(effects) if i not in replaced]
+            bends = [effects[i].build() for i in replaced]
 
-        def refined(start: list[tuple[Candidate, dict[str, float]]]) -> Fitted:
-            return self.fit(start, linearised=linearised, near=fitted)
+            def together(candidate: Candidate, bent: Fitted) -> Fitted:
+                start = [*others, (candidate, bent_as(candidate, bent.build()[-1:], conditions))]
+                return self.fit(start, linearised=linearised, near=fitted)
+
+            alone = self.fit([(most, bent_as(most, bends, conditions))], SEARCH.first_steps, rest, freedom)
+            least = SEARCH.much * (self.misfit(rest) - misfit)
+            if alone.misfit - misfit >= (max(SEARCH.far * SEARCH.rival, least) if replaced else -SEARCH.least):
+                return []
+            further = [c for c in several if c is not fewest]
+            found = together(fewest, alone)
+            if len(self.set_aside):  # which may take up what more coefficients follow
+                return [found, *(together(candidate, found) for candidate in further)]
+            start = [*found.start[:-1], (most, bent_as(most, found.build()[-1:], conditions))]
+            after = self.fit(start, SEARCH.first_steps, linearised=linearised)
+            gain = found.misfit - after.misfit
+            if gain < SEARCH.least or after.misfit - misfit > max(SEARCH.far * SEARCH.rival, gain):
+                return [found]
+            return [found, *(together(candidate, after) for candidate in further)]
 
         found: list[Fitted] = []
         # in the place of most effects first: if that is as good, an effect beside it is found when it is wanted
         for count in sorted({len(replaced) for *_, replaced in tried}, reverse=True):
             sets = [(key, several) for key, several in tried.items() if len(key[2]) == count]
-            gains = self._workers.map(gains_as_much, sets)
-            starts = []
-            for (_, _, replaced), several in itertools.compress(sets, gains):
-                others = [(e.candidate, e.values) for i, e in enumerate(effects) if i not in replaced]
-                starts += [[*others, (candidate, candidate.values)] for candidate in several]
-            found += self._workers.map(refined, starts)
+            found += itertools.chain.from_iterable(self._workers.map(refined, sets))
             if any(len(f.effects) < len(effects) and f.misfit < misfit for f in found):
                 break
         return sorted(found, key=lambda f: -f.evidence)

@@ -11,7 +11,8 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.search import Search
-from drfmcw_diagnosis.search.starts.bank import Candidate
+from drfmcw_diagnosis.search.starts.bank import Candidate, of_coefficients
+from drfmcw_diagnosis.search.starts.bent import bent_as
 from drfmcw_sim.effects import Effect
 
 
@@ -115,3 +116,14 @@ def test_what_mirror_lines_bring_by_chance_counts_as_noise():
     mean, without = (float(np.mean(np.concatenate(x) ** 2)) for x in (squares, plain))
     assert without > 1.5
     assert mean < 1.1
+
+
+@pytest.mark.parametrize('station', ['master', 'slave'])
+def test_a_bent_ramp_begins_as_the_effect_whose_place_it_takes(station):
+    """At its own station, and bent the other way at the other one, as which it beats: far less than 1 % is left."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    (fewest, *_) = [c for c in of_coefficients((station,)) if c.station == station]
+    curvature = Effect.registry['sweep_curvature'](station='slave', deviation=2e3)
+    values = bent_as(fewest, [curvature], comparison.recorded.parts[0].steady)
+    wanted, found = comparison.template([curvature]), comparison.template([fewest.build(values)])
+    assert np.sum((found - wanted) ** 2) < 1e-2 * np.sum(wanted**2)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from drfmcw_physics.settings import ConfigurationError, from_mapping, nearest
+from drfmcw_physics.sweep import SweepSettings
 
 from ..measurements import Measurements, Station
 from .recipe import Recipe
@@ -107,6 +108,19 @@ class Effect:
             u: true time since its sweep start, [n, samples] [s]; may lie outside the ramp.
         """
         return 0.0
+
+    @classmethod
+    def imitating(cls, phase: np.ndarray, sweep: SweepSettings, count: int) -> list[float]:
+        """Return `count` coefficients with which the effect shapes a chirp as a phase does, apart from a straight line.
+
+        Only effects whose recipe has `coefficients` can.
+
+        Args:
+            phase: added to the transmit phase at equal steps from the ramp's start to its end (n,) [rad].
+            sweep: that is shaped.
+            count: of coefficients.
+        """
+        raise NotImplementedError(f'{cls.name} has no coefficients')
 
     def receive(
         self,

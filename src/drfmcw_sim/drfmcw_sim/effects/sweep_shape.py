@@ -1,20 +1,18 @@
 """The ramp's rate changes over the band."""
 
 import dataclasses
-import functools
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly
 
 from drfmcw_physics.settings import ConfigurationError, parameter
+from drfmcw_physics.sweep import SweepSettings
 
 from ..measurements import Station
 from .base import Effect
 from .clocks import own_time
 from .recipe import Recipe
+from .splines import DEGREE, coefficients, excess
 from .traits import ActsOn, Of
-
-_DEGREE = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,23 +42,16 @@ class SweepShape(Effect, name='sweep_shape', of=Of.STATION):
 
     def __post_init__(self) -> None:
         """Refuse fewer coefficients than a cubic needs."""
-        if len(self.relative_rate) <= _DEGREE:
+        if len(self.relative_rate) <= DEGREE:
             raise ConfigurationError(f'relative_rate has {len(self.relative_rate)} coefficients; too few for a cubic')
 
     def chirp_phase(self, station: Station, u: np.ndarray) -> np.ndarray:
         """Return the integral of the frequency error over the station's own time [rad]."""
         duration = station.sweep.ramp_duration
         x = own_time(station, u) / duration
-        return (2.0 * np.pi * station.sweep.chirp_rate * duration**2) * _excess(tuple(self.relative_rate))(x)
+        return (2.0 * np.pi * station.sweep.chirp_rate * duration**2) * excess(tuple(self.relative_rate))(x)
 
-
-@functools.lru_cache(maxsize=32)
-def _excess(coefficients: tuple[float, ...]) -> PPoly:
-    """Return the second integral of the relative rate less 1, over the elapsed share of the ramp.
-
-    As polynomials, which take an eighth of the time of B-splines at the samples of a sweep.
-    """
-    inner = np.linspace(0.0, 1.0, len(coefficients) - _DEGREE + 1)
-    knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
-    mean = float(BSpline(knots, np.array(coefficients), _DEGREE).integrate(0.0, 1.0))
-    return PPoly.from_spline(BSpline(knots, np.array(coefficients) / mean - 1.0, _DEGREE).antiderivative(2))
+    @classmethod
+    def imitating(cls, phase: np.ndarray, sweep: SweepSettings, count: int) -> list[float]:
+        """Return coefficients with which the ramp bends as a phase does; arguments as `Effect.imitating`."""
+        return coefficients(phase / (2.0 * np.pi * sweep.chirp_rate * sweep.ramp_duration**2), count)
