@@ -90,6 +90,9 @@ class SearchLimits:
     starts: int = 6
     """Starting points of each kind; chosen."""
 
+    foremost: int = 3
+    """Of these, where a template is scaled to the data, those that are refined: what fits best as it begins; chosen."""
+
     least: float = 14.0
     """Promised gain below which a starting point is not tried: refined, it would not be accepted either; chosen."""
 

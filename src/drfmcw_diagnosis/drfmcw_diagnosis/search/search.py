@@ -219,8 +219,15 @@ class Search(Promising):
             steps = 0 if linear or first.acts else steps
             # what acts on all others, noise too, is no sum with them
             others, added = (base, 0.0) if first.acts else ([], beside)
-            at = [self.fit([*others, (candidate, values)], steps, added, freedom) for _, candidate, values in points]
-            return min(at, key=lambda f: f.misfit)
+
+            def fits(starts: Sequence[tuple[Candidate, dict[str, float]]], steps: int) -> list[Fitted]:
+                at = [self.fit([*others, start], steps, added, freedom) for start in starts]
+                return sorted(at, key=lambda f: f.misfit)
+
+            starts = [(candidate, values) for _, candidate, values in points]
+            if first.recipe.size and steps and len(starts) > SEARCH.foremost:
+                starts = [f.start[-1] for f in fits(starts, 0)[: SEARCH.foremost]]
+            return fits(starts, steps)[0]
 
         def refined(begun: Fitted) -> Fitted:
             return self.fit([*base, begun.start[-1]], SEARCH.joint_steps, linearised=linearised, near=current)
