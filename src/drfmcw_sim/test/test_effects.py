@@ -436,12 +436,7 @@ def test_chirp_phase_is_the_integral_of_the_frequency_error(name, parameters, er
         ('sweep_curvature', {'deviation': 20e3}, 5, 1e-9),  # its rate is linear over the ramp
         ('sweep_shape', {'relative_rate': UNEVEN}, 4, 1e-9),
         ('sweep_shape', {'relative_rate': UNEVEN}, 7, 1e-9),  # the knots of four coefficients are among those of seven
-        (
-            'sweep_ripple',
-            {'deviation': -3e3, 'rate': 1e3, 'phase': 2.2},
-            12,
-            1e-3,
-        ),  # one turn
+        ('sweep_ripple', {'deviation': -3e3, 'rate': 1e3, 'phase': 2.2}, 12, 1e-3),  # one turn
     ],
 )
 def test_coefficients_imitate_what_another_effect_does_to_a_chirp(name, parameters, count, share):

@@ -378,7 +378,7 @@ class Search(Promising):
 
         def refined(item: tuple[tuple, list[Candidate]]) -> list[Fitted]:
             (_, _, replaced), several = item
-            fewest, *_, most = sorted(several, key=lambda c: len(c.values))
+            few, *_, many = sorted(several, key=lambda c: len(c.values))
             rest = self._without(fitted, *replaced).template if fitted is not None else 0.0
             freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced)) if fitted is not None else None
             others = [(e.candidate, e.values) for i, e in enumerate(effects) if i not in replaced]
@@ -388,20 +388,20 @@ class Search(Promising):
                 start = [*others, (candidate, bent_as(candidate, bent.build()[-1:], conditions))]
                 return self.fit(start, linearised=linearised, near=fitted)
 
-            alone = self.fit([(most, bent_as(most, bends, conditions))], SEARCH.first_steps, rest, freedom)
+            alone = self.fit([(many, bent_as(many, bends, conditions))], SEARCH.first_steps, rest, freedom)
             least = SEARCH.much * (self.misfit(rest) - misfit)
             if alone.misfit - misfit >= (max(SEARCH.far * SEARCH.rival, least) if replaced else -SEARCH.least):
                 return []
-            further = [c for c in several if c is not fewest]
-            found = together(fewest, alone)
+            further = [c for c in several if c is not few]
+            first = together(few, alone)
             if len(self.set_aside):  # which may take up what more coefficients follow
-                return [found, *(together(candidate, found) for candidate in further)]
-            start = [*found.start[:-1], (most, bent_as(most, found.build()[-1:], conditions))]
+                return [first, *(together(candidate, first) for candidate in further)]
+            start = [*first.start[:-1], (many, bent_as(many, first.build()[-1:], conditions))]
             after = self.fit(start, SEARCH.first_steps, linearised=linearised)
-            gain = found.misfit - after.misfit
+            gain = first.misfit - after.misfit
             if gain < SEARCH.least or after.misfit - misfit > max(SEARCH.far * SEARCH.rival, gain):
-                return [found]
-            return [found, *(together(candidate, after) for candidate in further)]
+                return [first]
+            return [first, *(together(candidate, after) for candidate in further)]
 
         found: list[Fitted] = []
         # in the place of most effects first: if that is as good, an effect beside it is found when it is wanted

@@ -445,9 +445,8 @@ def _of_bursts(
     floor[station] += 10.0 * np.log10(1.0 + power / before.noise_std(station) ** 2)
     louder = _covariance(before, row, dataclasses.replace(before, noise_floor=floor))[0]
     (ratio,) = _whitened(nominal_, louder)
-    covered = float(
-        np.sum(np.log(np.maximum(np.linalg.eigvalsh(ratio), 1e-12)) ** 2)
-    )  # were all of the sweep in a burst
+    values = np.maximum(np.linalg.eigvalsh(ratio), 1e-12)
+    covered = float(np.sum(np.log(values) ** 2))  # were all of the sweep in a burst
     windows = max(count / length, 1.0)
     chance = min(probability / windows, 1.0 - 1e-12)
     return 2.0 * windows * _mixture_divergence(chance, math.sqrt(covered / windows))
