@@ -106,6 +106,10 @@ class SpectrumLimits:
     edge_inside: int = 16
     """Samples by which these reach into the analysis window at its end; chosen."""
 
+    edge_alike: float = 0.1
+    """By how much a line and its mirror differ at least in these, as a share of their power [1]; chosen: below two
+    thirds of a cycle they look alike."""
+
     shortest_transient: int = 8
     """Samples of the first span after the signal's begin; chosen."""
 
