@@ -5,7 +5,8 @@ number, it is absent from no distance, and fitted without one distance it predic
 something unknown has a size of its own wherever it is measured. Both are measured on cells, a cell being the numbers of
 one kind at one station in one group of sweeps; of its spectrum only the bins that the effect changes. What one group
 alone shows, as clipping where the stations are nearest, no other distance can confirm; then one kind of number must
-predict the other, or be one that nothing else changes, as samples that pile up at a limit.
+predict the other, or be one that nothing else changes, as samples that pile up at a limit. Where one distance alone is
+compared, both halves of the noise bands predict each other.
 
 What the range alone shows is a smooth curve of distance, time or temperature, which something unknown may be as well.
 So an effect of that kind is also in doubt where a freer curve of the same condition explains much of what is left,
@@ -46,7 +47,7 @@ from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
-from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
+from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, rows_of_series, series_of
 from ..search.fitting import Fitting
 from ..search.leftovers import Leftover, leftovers
 from .curves import LIMITS as CURVES
@@ -196,7 +197,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     rest, left_over, as_left = whitening(residual), as_measured(residual), as_it_is(residual)
     derivatives = fitting.slopes(fitted)
     slopes = whitening(derivatives)
-    groups, kinds, cells = entries.group, series_of(entries), cells_of(entries)
+    groups, kinds, cells = entries.group, _confirming(fitting), cells_of(entries)
     exact = fitting.comparison.rows_of_kinds(lambda kind: kind.exact)
     least = np.full(len(slopes), LIMITS.determined)
     for effect, own in zip(fitted.effects, fitted.spans, strict=True):
@@ -378,6 +379,21 @@ def _of_uneven_converters(fitting: Fitting, significant: list[Leftover], added: 
             if kind.of_converter:
                 found[c.rows(kind, station)] = True
     return found
+
+
+def _confirming(fitting: Fitting) -> np.ndarray:
+    """Return which part each number belongs to, of those that confirm each other (n,): one kind at one station.
+
+    Of one distance alone either half of a kind that can be divided.
+    """
+    entries = fitting.comparison.entries
+    parts = 2 * series_of(entries)
+    divisible = [kind.name for kind in fitting.comparison.kinds if kind.divisible]
+    if not entries.group.any():
+        for rows in rows_of_series(entries):
+            place = entries.position[rows]
+            parts[rows] += np.isin(entries.kind[rows], divisible) & (place > np.median(place))
+    return np.unique(parts, return_inverse=True)[1]
 
 
 def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:

@@ -305,3 +305,16 @@ def test_what_one_distance_lacks_does_not_stand(data, everywhere, stands):
     found = fitted(fitting, 'sweep_ripple', 'master', deviation=2500.0, rate=9000.0, phase=0.0)
     (standing,) = standings(fitting, found)
     assert (standing.smallest > 0.9) == standing.stands == stands
+
+
+@pytest.mark.parametrize(('last', 'stands'), [(1.0, True), (0.0, False)])
+def test_at_one_distance_noise_in_one_half_of_the_band_predicts_the_other(data, last, stands):
+    """A floor is as high everywhere: noise that falls from 10 dB more to none over the band is no floor."""
+    comparison = Comparison(data, np.flatnonzero(data.group == data.group[0]))
+    concealed(comparison, Effect.registry['noise_floor'](excess=10.0, station='slave'))
+    kind = next(k for k in comparison.kinds if k.name == 'noise')
+    rows = comparison.rows(kind, 1)
+    comparison.residual[rows] *= np.linspace(1.0, last, len(rows))
+    fitting = Fitting(comparison)
+    (standing,) = standings(fitting, fitted(fitting, 'noise_floor', 'slave', excess=5.0))
+    assert standing.stands == stands

@@ -226,6 +226,7 @@ NOISE = Noise(
     label='noise',
     unit='dB',
     has_gaps=True,
+    divisible=True,
     trust=Trust(beside_distortion=MODEL.harmonics, beside_bursts=MODEL.bursts, rest_beside_bursts=MODEL.bursts_rest),
     needs_conditions=True,
 )
