@@ -57,11 +57,9 @@ class Evidence:
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
         """Noise in bands [dB of 1 LSB^2 per sample] and its standard deviation, (G, S, N) each."""
         r = self.recorded
-        found = [
-            r.bands.measured(power, sweeps.line.mean(axis=0), count)
-            for power, sweeps, count in zip(self.recorded.spectra, r.sweeps, r.quiet_counts, strict=True)
-        ]
-        return np.stack([noise for noise, _ in found]), np.stack([std for _, std in found])
+        groups = zip(r.spectra, r.sweeps, r.quiet_counts, strict=True)
+        found = [(power, sweeps.line.mean(axis=0), count) for power, sweeps, count in groups]
+        return np.stack([r.bands.measured(*of) for of in found]), np.stack([r.bands.std(*of) for of in found])
 
     @functools.cached_property
     def white(self) -> list[dict[str, np.ndarray]]:

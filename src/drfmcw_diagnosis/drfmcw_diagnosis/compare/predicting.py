@@ -314,7 +314,7 @@ class Predictor:
         features = self.simulated.distorted(part, effects)
         counts = np.full(len(self.recorded.heard), SIMULATION.distorted)
         pairs = zip(features.power, features.line, strict=True)
-        noise = np.array([self.recorded.bands.measured(*pair, counts)[0] for pair in pairs])
+        noise = np.array([self.recorded.bands.measured(*pair, counts) for pair in pairs])
         return noise, features.harmonic, features.piled
 
     def uneven(self, effects: tuple[Effect, ...]) -> np.ndarray:
@@ -382,7 +382,8 @@ class Predictor:
         bands = []
         for of_group, spectra, at in zip(quiet, power, line, strict=True):
             free = quiet_sweeps(of_group, spectra, slice(copies)) * weights[:, None]
-            bands.append(self.recorded.bands.measured(*mean_power(spectra, free), at)[0])
+            mean, count = mean_power(spectra, free)
+            bands.append(self.recorded.bands.measured(mean, at, count))
         return np.array(uneven), np.array(bands)
 
     def placed(self, part: Part, effects: Sequence[Effect], displaced: bool = False) -> tuple[Part, np.ndarray]:

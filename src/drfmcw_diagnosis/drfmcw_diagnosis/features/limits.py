@@ -174,6 +174,12 @@ class SpectrumLimits:
     fewest_bins: int = 16
     """Bins of a band that determine its noise; chosen."""
 
+    band_parts: int = 8
+    """Parts of a band whose medians give the course of the noise over it; chosen."""
+
+    band_places: int = 64
+    """Places in a band at which that course is taken; chosen: close to each other beside the bins' own scatter."""
+
     noticed: float = 1e-3
     """Of the noise [1], below which a line leaves the median of its band alone; chosen."""
 

@@ -1,8 +1,11 @@
 """Noise in bands of equal width beside the lines: what a spectrum shows of it, and what further lines make of that."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.special import ndtr
+
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
 
 from .limits import SPECTRUM
 from .spectra import median_of_mean, near_line
@@ -24,31 +27,45 @@ class NoiseBands:
         """Return which bins (..., B) are left to the features of the lines themselves; `line` (...) [Hz]."""
         return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
 
-    def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the noise in bands and its standard deviation, (S, N) each [dB of 1 LSB^2 per sample].
-
-        NaN and an infinite standard deviation where a line fills the band.
+    def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """Return the noise in bands (S, N) [dB of 1 LSB^2 per sample], NaN where a line fills the band.
 
         Args:
             power: mean spectra (S, B) [LSB^2].
             line: of each station (S,) [Hz].
             count: of the sweeps in each mean (S,).
         """
+        noise = np.full((len(power), SPECTRUM.bands), np.nan)
+        for station, band, inside in self._each(power, line):
+            median = np.median(inside) / median_of_mean(count[station])
+            noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
+        return noise
+
+    def std(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """Return the standard deviation of the noise in bands (S, N) [dB], infinite where a line fills the band.
+
+        A median over bins whose expectation varies rests on those near it alone, and scatters the more.
+
+        Args:
+            power: mean spectra (S, B) [LSB^2].
+            line: of each station (S,) [Hz].
+            count: of the sweeps in each mean (S,).
+        """
+        std = np.full((len(power), SPECTRUM.bands), np.inf)
+        for station, band, inside in self._each(power, line):
+            std[station, band] = 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
+        return std
+
+    def _each(self, power: np.ndarray, line: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Yield station, band, and the power in the band's bins beside the line, of bands with enough of them."""
         bins = power.shape[-1]
         masked = self.at_line(line, bins)
-        noise, std = (np.full((len(power), SPECTRUM.bands), value) for value in (np.nan, np.inf))
         edges = edges_of(bins)
-        for station in range(len(power)):
-            for band in range(SPECTRUM.bands):
-                inside = power[station, edges[band] : edges[band + 1]]
-                inside = inside[~masked[station, edges[band] : edges[band + 1]]]
-                if len(inside) < SPECTRUM.fewest_bins:
-                    continue
-                median = np.median(inside) / median_of_mean(count[station])
-                noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
-                # neighbouring bins of a Hann window share half of their noise; a median has 1.25 times the mean's
-                std[station, band] = 4.34 * 1.25 * np.sqrt(1.9 / (len(inside) * count[station]))
-        return noise, std
+        for station, band in np.ndindex(len(power), SPECTRUM.bands):
+            own = slice(edges[band], edges[band + 1])
+            inside = power[station, own][~masked[station, own]]
+            if len(inside) >= SPECTRUM.fewest_bins:
+                yield station, band, inside
 
     def with_power(self, quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
         """Return noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample] with smooth power added.
@@ -84,6 +101,26 @@ class NoiseBands:
             if np.isfinite(inside).any():
                 noise[group, station, band] = 10.0 * np.log10(np.nanmedian(inside) / power[station, 0])
         return noise, floor
+
+
+def _std_of_median(power: np.ndarray, count: float) -> float:
+    """Return the standard deviation of the logarithm of a median over bins, each a mean of `count` exponential powers.
+
+    Of n bins with the distributions F, the median has the variance sum F (1 - F) / (sum F')^2. The logarithm of a mean
+    is taken as normal, and its expectation as a parabola over the bins. Neighbouring bins of a Hann window share half
+    of their noise.
+
+    Args:
+        power: of the bins (n,).
+        count: of the powers in each mean.
+    """
+    parts = [np.median(part) for part in np.array_split(power, SPECTRUM.band_parts)]
+    place = (np.arange(len(parts)) + 0.5) / len(parts)
+    course = np.polynomial.Polynomial.fit(place, np.log(np.maximum(parts, np.finfo(float).tiny)), 2)
+    over = (np.log(np.median(power)) - course(np.linspace(0.0, 1.0, SPECTRUM.band_places))) * np.sqrt(count)
+    below = ndtr(over)
+    density = np.sqrt(count / (2.0 * np.pi)) * np.mean(np.exp(-0.5 * over**2))
+    return float(np.sqrt(1.9 * np.mean(below * (1.0 - below)) / len(power)) / density)
 
 
 def edges_of(bins: int) -> np.ndarray:

@@ -69,7 +69,7 @@ class LeftOver:
             for f, part in enumerate(self.folds[g]):
                 power = sweeps.power[part].mean(axis=0)
                 line = sweeps.line[part].mean(axis=0)
-                found, _ = bands.measured(power, line, np.full(power.shape[0], len(part)))
+                found = bands.measured(power, line, np.full(power.shape[0], len(part)))
                 values[f, g] = found[station] - self.predicted['noise'][g, station]
         std = c.std['noise'][:, station]
         counts = np.array([len(m) for m in c.members])[:, None]
