@@ -10,7 +10,7 @@ from scipy import special, stats
 from scipy.integrate import trapezoid
 
 from drfmcw_diagnosis.compare.limits import MODEL
-from drfmcw_proof.cases import draws, sizes
+from drfmcw_proof.cases import changes, draws, side_bands, sizes
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.generator import model as generator
 from drfmcw_proof.generator.model import FIRST, SECOND, clean, nominal
@@ -147,7 +147,7 @@ def test_filters_nearly_alike_are_not_separated():
 def test_noise_is_whitened_to_unit_variance(distance):
     c = condition((distance,), 64)
     scene = nominal(c)
-    covariance, present = sizes._covariance(scene, 0, scene)
+    covariance, present = side_bands.noise_covariance(scene, 0, scene)
     precision = 2.0 * np.linalg.inv(covariance) * (present[:, :, None] & present[:, None, :]) / 2.048e6 / 2048
     rows = np.arange(64)
     samples = generator.render(scene)
@@ -155,8 +155,8 @@ def test_noise_is_whitened_to_unit_variance(distance):
     for station in BOTH:
         carrier = clean(scene, station, rows)
         on = carrier != 0.0
-        g.append(sizes._relative(samples[station] - carrier.real, carrier, on))
-    bands = sizes._bands(g)
+        g.append(changes.relative_change(samples[station] - carrier.real, carrier, on))
+    bands = side_bands.side_bands(g)
     squares = np.einsum('rfi,fij,rfj->rf', np.conj(bands), precision, bands).real
     freedom = 2.0 * np.sum(present, axis=1)
     # 64 x 4000 squares scatter by 0.3 %

@@ -88,7 +88,7 @@ def test_ambiguous_cases_change_the_data_as_their_rivals_do():
         # the rival of opposite effect undoes the truth: what is left is small beside it
         if kind in ('delay_offset', 'reference_offset', 'delay by either board'):
             effect, station = plan.rivals[0][0]
-            name = sizes._scaled_parameter(case.effects[0])
+            name = sizes.scaled_parameter(case.effects[0])
             value = case.effects[0].parameters[name]
             undone = {'delay': value * 0.299792458 / 1.00028, 'offset': value / 0.299792458 * 1.00028, 'slope': -value}
             undoing = Applied(effect, station, {effects.KINDS[effect].size.parameter: undone[name]})

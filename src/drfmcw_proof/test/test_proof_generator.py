@@ -18,7 +18,7 @@ from drfmcw_physics.air import refractive_index
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.sweep import SweepSettings
 from drfmcw_proof.cases import concealing as effects
-from drfmcw_proof.cases import draws, sizes
+from drfmcw_proof.cases import draws, side_bands
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.generator import model as generator
 from drfmcw_proof.generator.condition import StationCondition
@@ -391,7 +391,7 @@ def test_if_filter_is_a_first_order_low_pass_and_meets_no_step():
         scene, before = with_effect(c, 'if_filter', 'master', pole=pole)
         rows = np.arange(len(scene))
         new, old = clean(scene, FIRST, rows), clean(before, FIRST, rows)
-        line = sizes._line(before, FIRST, rows)
+        line = side_bands.signed_line(before, FIRST, rows)
         expected = 1.0 / (1.0 + 1j * line / pole)
         inner = slice(80, 1980)
         assert np.allclose((new / np.where(old == 0, 1, old))[:, inner], expected[:, None], atol=3e-4)
