@@ -6,13 +6,11 @@ import resource
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import UInt8MultiArray
@@ -20,6 +18,7 @@ from std_msgs.msg import UInt8MultiArray
 from drfmcw_bringup.graph import private_environment
 from drfmcw_ros.bag.files import BagReader
 from drfmcw_ros.graph.messages import to_time
+from drfmcw_ros.nodes.runner import spinning
 
 pytestmark = pytest.mark.timeout(120)
 FAST, SLOW = '/fast', '/slow'
@@ -45,10 +44,8 @@ class Talker:
         )
         self.node.create_timer(0.005, self._publish_fast)
         self.node.create_timer(1.0, self._publish_slow)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
+        self._running = contextlib.ExitStack()
+        self._running.enter_context(spinning(self.node))
 
     def _publish_fast(self):
         if self._fast.get_subscription_count():
@@ -73,8 +70,7 @@ class Talker:
         return next(s.message for s in reversed(list(self.diagnostics)) if 'recorder: Recording' in s.name)
 
     def close(self):
-        self._executor.shutdown()
-        self._thread.join(5.0)
+        self._running.close()
         self.node.destroy_node()
         rclpy.utilities.try_shutdown()
 

@@ -3,13 +3,11 @@
 import os
 import subprocess
 import sys
-import threading
 
 import pytest
 import rclpy
 from checkout import CONFIG
 from drfmcw_msgs.msg import BeatFrequency
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from drfmcw_bringup.doctor import machine
@@ -18,6 +16,7 @@ from drfmcw_bringup.doctor.finding import ERROR, OK, WARN
 from drfmcw_bringup.doctor.graph import check_graph
 from drfmcw_bringup.graph import free_domain_id
 from drfmcw_ros.graph import qos
+from drfmcw_ros.nodes.runner import spinning
 
 FILES = [p for p in (*CONFIG.glob('*.yaml'), *CONFIG.glob('hardware/*.yaml')) if p.stem != 'requirements']
 """Scenarios and parameter files."""
@@ -97,16 +96,11 @@ def test_nodes_that_do_not_hear_each_other_are_named():
     two.create_publisher(BeatFrequency, 'beat_frequency', qos.RELIABLE)
     controller = Node('controller', context=context)
     controller.create_subscription(BeatFrequency, '/master/beat_frequency', print, qos.RELIABLE)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(one)
     one.create_timer(0.1, lambda: beats.publish(BeatFrequency()))
-    spinning = threading.Thread(target=executor.spin, daemon=True)
-    spinning.start()
     try:
-        lines = [f.line() for f in check_graph(5.0, domain)]
+        with spinning(one):
+            lines = [f.line() for f in check_graph(5.0, domain)]
     finally:
-        executor.shutdown()
-        spinning.join(5.0)
         for node in (one, two, controller):
             node.destroy_node()
         context.try_shutdown()

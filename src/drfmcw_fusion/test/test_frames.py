@@ -1,6 +1,5 @@
 """Where the crane stands: the geometry, and the node that publishes it."""
 
-import threading
 import time
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 import rclpy
 from drfmcw_msgs.msg import RangeEstimate
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -19,6 +17,7 @@ from drfmcw_fusion.crane.geometry import SiteGeometry
 from drfmcw_fusion.pipeline import Flag
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.graph import qos
+from drfmcw_ros.nodes.runner import spinning
 
 SITE = {'fixed_x': -2.0, 'fixed_y': 0.5, 'fixed_z': 12.5, 'crane_x': -1.5, 'crane_y': -0.5, 'crane_z': 8.0}
 
@@ -67,27 +66,22 @@ def test_node_publishes_pose_joint_and_frame_of_valid_ranges_only():
     other.create_subscription(JointState, '/joint_states', joints.append, qos.RELIABLE)
     other.create_subscription(TFMessage, '/tf', lambda m: moved.extend(m.transforms), qos.RELIABLE)
     sender = other.create_publisher(RangeEstimate, '/master/slave/range', qos.RELIABLE)
-    executor = SingleThreadedExecutor()
-    executor.add_node(frames)
-    executor.add_node(other)
-    spinning = threading.Thread(target=executor.spin, daemon=True)
-    spinning.start()
     try:
-        end = time.monotonic() + 30.0
-        counts = [made.get_subscription_count for made in (frames._pose, frames._joint, frames._tf)]
-        while not (sender.get_subscription_count() and all(count() for count in counts)):
-            assert time.monotonic() < end
-            time.sleep(0.02)
-        for second, distance, flags in ((1, 100.0, 0), (2, 101.0, int(Flag.WEAK_SIGNAL)), (3, 3.0, 0), (4, 102.0, 0)):
-            message = RangeEstimate(range=distance, range_std=0.002, flags=flags)
-            message.header.stamp.sec = second
-            sender.publish(message)
-        while min(len(poses), len(joints), len(moved)) < 2:
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        with spinning(frames, other):
+            end = time.monotonic() + 30.0
+            counts = [made.get_subscription_count for made in (frames._pose, frames._joint, frames._tf)]
+            while not (sender.get_subscription_count() and all(count() for count in counts)):
+                assert time.monotonic() < end
+                time.sleep(0.02)
+            flagged = int(Flag.WEAK_SIGNAL)
+            for second, distance, flags in ((1, 100.0, 0), (2, 101.0, flagged), (3, 3.0, 0), (4, 102.0, 0)):
+                message = RangeEstimate(range=distance, range_std=0.002, flags=flags)
+                message.header.stamp.sec = second
+                sender.publish(message)
+            while min(len(poses), len(joints), len(moved)) < 2:
+                assert time.monotonic() < end
+                time.sleep(0.02)
     finally:
-        executor.shutdown()
-        spinning.join(5.0)
         frames.destroy_node()
         other.destroy_node()
         rclpy.try_shutdown()

@@ -179,13 +179,18 @@ def spin(executor: Executor, node: Node) -> None:
 
 
 @contextlib.contextmanager
-def spinning(node: Node) -> Iterator[None]:
-    """Run a node's callbacks in a thread beside what the process does; count, log and survive what one of them raises.
+def spinning(node: Node, *others: Node) -> Iterator[None]:
+    """Run callbacks in a thread beside what the process does; count, log and survive what one of them raises.
 
     Ends with the context's shutdown, too.
+
+    Args:
+        node: whose callbacks run, and which logs failures.
+        others: of the same context, whose callbacks run too.
     """
     executor = Executor(context=node.context)
-    executor.add_node(node)
+    for each in (node, *others):
+        executor.add_node(each)
 
     def turn() -> None:
         while True:
