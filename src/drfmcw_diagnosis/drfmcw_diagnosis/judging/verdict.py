@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 
 from ..search import events
+from ..search.bent_ramps import unified
 from ..search.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SELECTION
@@ -197,7 +198,7 @@ def _bent_beyond_events(search: Search, fitted: Fitted, doubtful: int) -> Fitted
     kind, recipe = fitted.effects[doubtful].candidate.kind, fitted.effects[doubtful].candidate.recipe
     if not kind.shapes_chirp or recipe.coefficients:
         return None
-    united = [f for f in search.unified(fitted, 1) if f.misfit < fitted.misfit]
+    united = [f for f in unified(search, fitted, 1) if f.misfit < fitted.misfit]
     for other in united:
         if other.evidence <= united[0].evidence - SELECTION.better:
             break

@@ -64,7 +64,7 @@ class Fitting(Templates):
             jobs: processes that simulate at once.
         """
         super().__init__(comparison)
-        self._workers = Workers(jobs)
+        self.workers = Workers(jobs)
         self._slopes: tuple[tuple, np.ndarray] = ((), np.zeros((0, len(comparison.residual))))  # the newest ones
         self.noisier = np.ones(len(comparison.residual))  # weights below 1 where something unknown is taken for noise
         # what has no name, over the numbers' standard deviations and times its prior (k, n)
@@ -252,7 +252,7 @@ class Fitting(Templates):
             return step, change
 
         sets = [together for together in self._moved_together(chosen, names) if together[0] not in known]
-        for together, (step, change) in zip(sets, self._workers.map(moved, sets), strict=True):
+        for together, (step, change) in zip(sets, self.workers.map(moved, sets), strict=True):
             strides[together] = step[together]
             for number, k in enumerate(together):
                 own = change if len(together) == 1 else np.where(groups == number, change, 0.0)

@@ -42,7 +42,8 @@ class Promising(Fitting):
         """
         super().__init__(comparison, jobs)
         self._kept: dict[tuple, np.ndarray] = {}
-        self._left_out = without
+        self.left_out = without
+        """Effects that are not searched for."""
         self.doubted: frozenset[tuple[str, str]] = frozenset()
         """Effects, with their stations, that are not tried because they imitate something unknown."""
         self.report = progress or (lambda text, share: None)
@@ -50,7 +51,7 @@ class Promising(Fitting):
         groups = [int(data.group[m[0]]) for m in comparison.members]
         bank = list(candidates(data.stations, data.calibration, groups, without))
         self.report('templates of the registry', 0.0)
-        templates = self._workers.map(self._shown, bank)
+        templates = self.workers.map(self._shown, bank)
         self.bank = [candidate for candidate, template in zip(bank, templates, strict=True) if template is not None]
         shown = [template for template in templates if template is not None]
         self.templates = np.array(shown, np.float32).reshape(len(shown), len(comparison.residual))
@@ -85,7 +86,7 @@ class Promising(Fitting):
         stations = self.comparison.data.stations
         scanned = (
             recipe.cells * len(at_stations(effect, recipe, stations))
-            for effect, recipe in recipes(self._left_out)
+            for effect, recipe in recipes(self.left_out)
             if recipe.scan
         )
         return sum(self._places.values()) + sum(scanned)
@@ -96,7 +97,7 @@ class Promising(Fitting):
         rest = Rest(self.comparison, residual, self.comparison.distances(self._place.effects))
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
-        for effect, recipe in recipes(self._left_out):
+        for effect, recipe in recipes(self.left_out):
             if not recipe.scan or only not in ('', effect):
                 continue
             for station in at_stations(effect, recipe, stations):
@@ -161,7 +162,7 @@ class Promising(Fitting):
         keys = [named(c, values) for c, values in wanted]
         missing = {key: w for key, w in zip(keys, wanted, strict=True) if key not in self._kept}
         found = {key: self._kept[key] for key in keys if key in self._kept}
-        found |= zip(missing, self._workers.map(simulated, list(missing)), strict=True)
+        found |= zip(missing, self.workers.map(simulated, list(missing)), strict=True)
         self._kept |= {key: found[key] for key in missing}
         for key in list(self._kept)[: max(len(self._kept) - SEARCH.kept, 0)]:
             del self._kept[key]
@@ -264,7 +265,7 @@ class Promising(Fitting):
         values = {name: float(min(max(scale * value, low), high)) for (name, value), scale in scaled}
         return float(scales @ along), candidate, values
 
-    def _freedom_beside(self, slopes: np.ndarray, *own: slice) -> Freedom | None:
+    def freedom_beside(self, slopes: np.ndarray, *own: slice) -> Freedom | None:
         """Return the freedom of all effects but some, or of all; None without others.
 
         Args:

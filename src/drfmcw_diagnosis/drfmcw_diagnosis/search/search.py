@@ -1,7 +1,6 @@
 """The search for one more effect that explains a recording, or for one instead of another: starts and fits."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -12,8 +11,7 @@ from ..compare.predicting import displaces
 from .fitted import Fitted, FittedEffect, Freedom, cells_of
 from .limits import SEARCH
 from .promising import Promising
-from .starts.bank import Candidate, of_coefficients, recipes
-from .starts.bent import bent_as
+from .starts.bank import Candidate, recipes
 
 
 class Search(Promising):
@@ -22,7 +20,7 @@ class Search(Promising):
     def fits(self, starts: Sequence[list[tuple[Candidate, dict[str, float]]]], known: Fitted) -> list[Fitted]:
         """Return explanations, each fitted from its start, which has some effects of a `known` one exchanged."""
         linearised = self.linearised(known, self.slopes(known)) if starts else None
-        return self._workers.map(lambda start: self.fit(start, linearised=linearised, near=known), starts)
+        return self.workers.map(lambda start: self.fit(start, linearised=linearised, near=known), starts)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Return an explanation fitted again from its present values."""
@@ -115,9 +113,9 @@ class Search(Promising):
 
     def _relocated(self, fitted: Fitted, number: int) -> Fitted:
         """Return an explanation with one of its effects at the place where all fit best."""
-        candidate, rest = fitted.effects[number].candidate, self._without(fitted, number)
+        candidate, rest = fitted.effects[number].candidate, self.without(fitted, number)
         residual = self.comparison.residual - rest.template
-        freedom = self._freedom_beside(self.slopes(fitted), fitted.spans[number])
+        freedom = self.freedom_beside(self.slopes(fitted), fitted.spans[number])
         goal = self.misfit(rest.template) - fitted.misfit
         added = self._added(fitted, number, rest, freedom)
 
@@ -134,7 +132,7 @@ class Search(Promising):
                 # of one place, the best start is enough
                 if not candidate.recipe.lookalikes or all(_is_elsewhere(candidate, values, v) for v in begun):
                     begun.append(values)
-            refits = self._workers.map(refined, [(candidate, values) for values in begun[: SEARCH.fringes]])
+            refits = self.workers.map(refined, [(candidate, values) for values in begun[: SEARCH.fringes]])
         fits = [f for f in refits if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
@@ -183,7 +181,7 @@ class Search(Promising):
         apart = apart if freedom is None else freedom.left(apart)
         return None if float(apart @ apart) < SEARCH.returned * goal else alone
 
-    def _without(self, fitted: Fitted, *numbers: int) -> Fitted:
+    def without(self, fitted: Fitted, *numbers: int) -> Fitted:
         """Return an explanation without some of its effects, the others as they are; misfit and evidence stay."""
         kept = tuple(e for i, e in enumerate(fitted.effects) if i not in numbers)
         template = self._template([e.build() for e in kept]) if kept else np.zeros_like(fitted.template)
@@ -237,17 +235,17 @@ class Search(Promising):
 
         self.report('effects that promise something', 0.3)
         enough = self.misfit(beside) - SEARCH.least
-        starts = sorted((s for s in self._workers.map(begun_at, kinds) if s.misfit < enough), key=lambda f: f.misfit)
+        starts = sorted((s for s in self.workers.map(begun_at, kinds) if s.misfit < enough), key=lambda f: f.misfit)
         if starts:
             most = self.misfit(beside) - SEARCH.begun_behind * (self.misfit(beside) - starts[0].misfit)
             starts = [s for s in starts if s.misfit < most or not s.effects[-1].candidate.recipe.size]
         self.report('refinement', 0.6)
-        begun = self._workers.map(refined, starts[: SEARCH.refined])
+        begun = self.workers.map(refined, starts[: SEARCH.refined])
         best = min((f.misfit for f in begun), default=0.0)
         margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * (self.misfit(beside) - best))
         near = [f for f in begun if f.misfit - best <= margin]
         far = [f for f in begun if f.misfit - best > margin]
-        return sorted([*self._workers.map(finished, near), *far], key=lambda f: -f.evidence)
+        return sorted([*self.workers.map(finished, near), *far], key=lambda f: -f.evidence)
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
         """Return the probability that noise alone gains as much for any effect at any starting point (Bonferroni).
@@ -268,7 +266,7 @@ class Search(Promising):
         slopes = self.whitening(slopes)
         found = []
         for number, own in enumerate(fitted.spans):
-            added = self.whitening(fitted.template - self._without(fitted, number).template)
+            added = self.whitening(fitted.template - self.without(fitted, number).template)
             power = float(added @ added)
             others = Freedom(np.delete(slopes, own, axis=0))
             left = power - float(others.followed(added))
@@ -287,11 +285,11 @@ class Search(Promising):
         slopes = self.slopes(fitted)
         linearised = self.linearised(fitted, slopes)
         for left_out, own in enumerate(fitted.spans):
-            rest = self._without(fitted, left_out)
+            rest = self.without(fitted, left_out)
             base = rest.start
             goal = self.misfit(rest.template) - fitted.misfit
             margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
-            freedom = self._freedom_beside(slopes, own)
+            freedom = self.freedom_beside(slopes, own)
             added = self._added(fitted, left_out, rest, freedom)
 
             def refined(
@@ -317,7 +315,7 @@ class Search(Promising):
             with self.amid(rest):
                 points = self._substitutes(rest, SEARCH.promised * goal, freedom)
                 points += self._elsewhere(fitted.effects[left_out], rest, points)
-                others = self._workers.map(refined, points)
+                others = self.workers.map(refined, points)
             for other in others:
                 if other is None or not self.credible(other, rest.template):
                     continue
@@ -342,75 +340,6 @@ class Search(Promising):
         stations = [s for s in self.comparison.data.stations if own.station not in ('', s)]
         moved = [dataclasses.replace(own, station=s) for s in stations if (own.effect, s) not in tried]
         return [(c, effect.values) for c in moved if self._is_other(c, effect.values, rest.effects)]
-
-    def unified(self, fitted: Fitted | None, fewest: int) -> list[Fitted]:
-        """Return explanations with one effect of many coefficients for those that shape a chirp, best first.
-
-        It takes the place of all, of its own station's, of all but one, or of one of the other station.
-
-        Only what gains about as much as these, alone and with most coefficients, is fitted with the other effects, from
-        where it bends the chirp as they do. More than the fewest coefficients are tried where they follow more, and
-        come near the explanation by it.
-
-        Args:
-            fitted: explanation; None for one without effects.
-            fewest: effects that shape a chirp, of one station or of both, and are worth it; 0 to try it beside all
-                effects as well, of a station at which none does.
-        """
-        effects = fitted.effects if fitted is not None else ()
-        shaping = [i for i, e in enumerate(effects) if e.candidate.kind.shapes_chirp]
-        # of several that imitate a bent ramp, one may be what is there beside it
-        all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 2]
-        tried: dict[tuple, list[Candidate]] = {}
-        for candidate in of_coefficients(self.comparison.data.stations, self._left_out):
-            own = [i for i in shaping if effects[i].key[1] == candidate.station]
-            single = [(i,) for i in shaping if i not in own]
-            for replaced in {tuple(own), tuple(shaping), *all_but_one, *single}:
-                if len(replaced) >= fewest:
-                    tried.setdefault((*candidate.key, replaced), []).append(candidate)
-
-        if not tried:
-            return []
-        slopes = self.slopes(fitted)
-        linearised = self.linearised(fitted, slopes)
-        misfit = fitted.misfit if fitted is not None else self.misfit(0.0)
-        conditions = self.comparison.recorded.parts[0].steady
-
-        def refined(item: tuple[tuple, list[Candidate]]) -> list[Fitted]:
-            (_, _, replaced), several = item
-            few, *_, many = sorted(several, key=lambda c: len(c.values))
-            rest = self._without(fitted, *replaced).template if fitted is not None else 0.0
-            freedom = self._freedom_beside(slopes, *(fitted.spans[i] for i in replaced)) if fitted is not None else None
-            others = [(e.candidate, e.values) for i, e in enumerate(effects) if i not in replaced]
-            bends = [effects[i].build() for i in replaced]
-
-            def together(candidate: Candidate, bent: Fitted) -> Fitted:
-                start = [*others, (candidate, bent_as(candidate, bent.build()[-1:], conditions))]
-                return self.fit(start, linearised=linearised, near=fitted)
-
-            alone = self.fit([(many, bent_as(many, bends, conditions))], SEARCH.first_steps, rest, freedom)
-            least = SEARCH.much * (self.misfit(rest) - misfit)
-            if alone.misfit - misfit >= (max(SEARCH.far * SEARCH.rival, least) if replaced else -SEARCH.least):
-                return []
-            further = [c for c in several if c is not few]
-            first = together(few, alone)
-            if len(self.set_aside):  # which may take up what more coefficients follow
-                return [first, *(together(candidate, first) for candidate in further)]
-            start = [*first.start[:-1], (many, bent_as(many, first.build()[-1:], conditions))]
-            after = self.fit(start, SEARCH.first_steps, linearised=linearised)
-            gain = first.misfit - after.misfit
-            if gain < SEARCH.least or after.misfit - misfit > max(SEARCH.far * SEARCH.rival, gain):
-                return [first]
-            return [first, *(together(candidate, after) for candidate in further)]
-
-        found: list[Fitted] = []
-        # in the place of most effects first: if that is as good, an effect beside it is found when it is wanted
-        for count in sorted({len(replaced) for *_, replaced in tried}, reverse=True):
-            sets = [(key, several) for key, several in tried.items() if len(key[2]) == count]
-            found += itertools.chain.from_iterable(self._workers.map(refined, sets))
-            if any(len(f.effects) < len(effects) and f.misfit < misfit for f in found):
-                break
-        return sorted(found, key=lambda f: -f.evidence)
 
     def apart(self, one: Fitted, other: Fitted) -> float:
         """Return the squared distance between what two explanations add."""

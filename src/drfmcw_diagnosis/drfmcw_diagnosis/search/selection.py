@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from . import events, path_sets
+from .bent_ramps import unified
 from .fitted import Fitted
 from .leftovers import leftovers
 from .limits import SEARCH, SELECTION
@@ -100,7 +101,7 @@ def united_with(search: Search, current: Fitted | None, false_alarm_rate: float)
     """
     room = current is None or len(current.effects) < SELECTION.most
     beside = room and any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
-    return search.unified(current, 0 if beside else 1)
+    return unified(search, current, 0 if beside else 1)
 
 
 def better_bent(search: Search, current: Fitted | None, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
@@ -272,7 +273,7 @@ def _bent(search: Search, current: Fitted) -> Fitted:
         return current
     if not _far_beyond_chance(search, current.misfit):
         return current
-    best = min(search.unified(current, 2), key=lambda f: f.misfit, default=current)
+    best = min(unified(search, current, 2), key=lambda f: f.misfit, default=current)
     return best if best.misfit < SELECTION.far_less * current.misfit else current
 
 
