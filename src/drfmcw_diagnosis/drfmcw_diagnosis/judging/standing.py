@@ -439,17 +439,21 @@ def _unchanged(fitting: Fitting, added: np.ndarray, cells: np.ndarray) -> np.nda
 def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, added: np.ndarray) -> np.ndarray:
     """Return which numbers are of a kind, at a station, of which much is left beside what an effect explains (n,).
 
-    A step is left in the ramp where two ripples imitate it, though no single cell shows it.
+    A step is left in the ramp where two ripples imitate it, though no single cell shows it. What is relative to a kind
+    of which much is left is in doubt with it.
     """
+    entries, kinds = fitting.comparison.entries, fitting.comparison.kinds
     found = np.zeros(len(rest), bool)
-    sparse = {kind.name for kind in fitting.comparison.kinds if kind.sparse}
+    sparse = {kind.name for kind in kinds if kind.sparse}
     for left in significant:
-        rows = fitting.comparison.entries.where(kind=left.kind, station=left.station)
+        rows = entries.where(kind=left.kind, station=left.station)
         excess = _excess(rest[rows])
         if left.kind not in sparse:
             excess = left.at_least(excess)
-        if excess > LIMITS.clean * float(added[rows] @ added[rows]):
-            found |= rows
+        resting = (entries.where(kind=kind.name) for kind in kinds if kind.rests_on == left.kind)
+        for doubted in (rows, *(rows | other for other in resting)):
+            if excess > LIMITS.clean * float(added[doubted] @ added[doubted]):
+                found |= doubted
     return found
 
 

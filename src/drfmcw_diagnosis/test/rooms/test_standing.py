@@ -318,3 +318,16 @@ def test_at_one_distance_noise_in_one_half_of_the_band_predicts_the_other(data, 
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'noise_floor', 'slave', excess=5.0))
     assert standing.stands == stands
+
+
+@pytest.mark.parametrize(('unknown', 'stands'), [(0.0, True), (30.0, False)])
+def test_what_both_lines_share_is_no_evidence_where_the_noise_is_unexplained(data, unknown, stands):
+    """A share is relative to the noise: a stuck bit's had made oscillators noisier by their coherence alone."""
+    comparison = Comparison(data)
+    concealed(comparison, Effect.registry['phase_noise'](level=-84.0, corner=2e5, station='master'))
+    noise = next(k for k in comparison.kinds if k.name == 'noise')
+    rows = comparison.rows(noise)
+    comparison.residual[rows] += unknown * (-1.0) ** np.arange(len(rows))
+    fitting = Fitting(comparison)
+    (standing,) = standings(fitting, fitted(fitting, 'phase_noise', 'master', level=-86.0, corner=2e5))
+    assert standing.has_evidence == stands

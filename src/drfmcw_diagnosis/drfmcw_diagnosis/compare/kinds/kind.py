@@ -87,6 +87,7 @@ class Kind(abc.ABC):
     rounded: bool = False  # to whole samples: what hardly differs may stand one apart, which promises no separation
     exact: bool = False  # predicted without approximation, so that what is left is no error of a model
     unmistakable: bool = False  # nothing without a name changes it, if the converter's codes are even
+    rests_on: str = ''  # kind of number of both stations to which it is relative: none is known better than that
     divisible: bool = False  # both halves of its numbers confirm each other where no other distance or kind does
     sparse: bool = False  # an effect changes few of its numbers, and the others say nothing of that effect
     of_begin: bool = False  # it shows the begin of the signal, which a real receiver may have forgotten

@@ -235,6 +235,7 @@ COHERENCE = Coherence(
     level='noise',
     axis='if_frequency',
     label='noise that both lines share',
+    rests_on=NOISE.name,
     widest=SIDEBANDS.farthest,
     trust=Trust(usual=MODEL.coherence_added),
 )
