@@ -28,6 +28,7 @@ IN_THE_IF = (
     'mean',
     'baseline',
     'transient',
+    'onset',
     'ends',
     'harmonic',
     'burst',
@@ -108,7 +109,7 @@ def test_own_echos_residuals_are_noise(tmp_path, sections):
     data = read_dataset(own_echo(tmp_path / 'r', **sections))
     comparison = Comparison(data)
     assert comparison.measured.mean.shape == (5, 1, 2 if data.iq else 1)
-    shown = [kind for kind in IN_THE_IF if kind not in ('ends', 'transient')]
+    shown = [kind for kind in IN_THE_IF if kind not in ('ends', 'onset', 'transient')]
     assert_noise(comparison, *shown, 'noise', 'amplitude', 'range', 'velocity', 'movement')
     assert np.all(comparison.std.movement < 1e-4)
 

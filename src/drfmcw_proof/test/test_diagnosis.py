@@ -86,6 +86,7 @@ def test_residuals_of_a_recording_by_others_are_noise():
         ('mean', 0.2, 2.2),
         ('baseline', 0.8, 1.2),
         ('transient', 0.7, 1.3),
+        ('onset', 0.6, 1.5),
         ('harmonic', 0.6, 1.5),
     ):
         numbers = residual[entries.where(kind=kind)]

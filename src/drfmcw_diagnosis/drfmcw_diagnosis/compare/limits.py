@@ -193,6 +193,9 @@ class ScatterLimits:
     least_mean: float = 0.01
     """Least standard deviation of a sweep's mean [LSB]; chosen."""
 
+    least_onset: float = 2e-3
+    """Least standard deviation of the line's change in the first samples of the signal [1]; chosen."""
+
     least_transient: float = 1e-6
     """Least standard deviation of a sweep's transient, over its line [1]; chosen."""
 

@@ -8,6 +8,7 @@ delay, which are no mismatch and are removed. What remains is
 - flutter: by how much that changes from sweep to sweep beyond the noise, as under a modulation of random phase;
 - spectrum: narrow lines beside the stations' own, and the mean of the samples;
 - ends: when the signal begins and ends;
+- onset: the line in the first samples of the signal over that after them, as a settling synthesiser changes it;
 - baseline: how that mean changes over the sweep, as while a receiver settles;
 - harmonic: the line's harmonics at the line's own phase, to which a distortion is locked and noise is not;
 - piled: excess of samples at the outermost codes, which a limiter causes;
@@ -59,6 +60,9 @@ class SweepFeatures:
     mean: np.ndarray  # (n, S, Q) of the samples, weighted by a Hann window that keeps the line out [LSB]
     ends: np.ndarray  # (n, S, 2) samples before the signal begins, and before it ends
     baseline: np.ndarray  # (n, S, Q V) means of the samples in V spans of the sweep, less the mean of these [LSB]
+    onset: (
+        np.ndarray
+    )  # (n, S, 2 V) change of the line in the first samples, real, then imaginary parts, see `signal_ends.onset`
     transient: np.ndarray  # (n, S, 2 V) means in spans after the begin, at the line's phase, see `transient.measured`
     harmonic: np.ndarray  # (n, S, 2 H) real, then imaginary parts of the line's harmonics over the line, NaN in its way
     piled: np.ndarray  # (n, S) samples at the outermost codes, more than beside them, see `adc_codes.piled`
@@ -151,8 +155,8 @@ class Extractor:
             harmonic: compute `harmonic` and `piled`; otherwise they are (n, S, 0) and 0.
             quiet: compute `quiet` and `surge`; otherwise they are (n, S, 0).
             noisy: compute `range_std`, `carrier` and `phase_std`; otherwise they are (n, 0).
-            shape: compute `ramp`, `mean`, `ends`, `baseline`, `transient`, `beat`, `amplitude`, `range`; otherwise they
-                are (n, 0), `noisy` or not, and `line` is that of a first round.
+            shape: compute `ramp`, `mean`, `ends`, `onset`, `baseline`, `transient`, `beat`, `amplitude`, `range`;
+                otherwise they are (n, 0), `noisy` or not, and `line` is that of a first round.
         """
         functions = (
             (self._harmonics, harmonic),
@@ -166,7 +170,8 @@ class Extractor:
             for i in range(0, len(samples[0]), 64)
         ]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        ramp, power, line, mean, ends, baseline, onset, beat, amplitude, delay, std, carrier, phase_std, *rest = found
+        ramp, power, line, mean, ends, begun, baseline, fading, beat, amplitude, *rest = found
+        delay, std, carrier, phase_std, *rest = rest
         nothing = np.zeros((*line.shape, 0))
         harmonics, piles, quiets, surge = (rest.pop(0) if wanted else nothing for _, wanted in functions)
         hardware = sum(c.delay for c in self.calibrations)
@@ -179,7 +184,8 @@ class Extractor:
             mean=mean,
             ends=ends,
             baseline=baseline,
-            transient=onset,
+            onset=begun,
+            transient=fading,
             harmonic=harmonics,
             piled=piles[..., 0] if harmonic else np.zeros(line.shape),
             quiet=quiets,
@@ -256,7 +262,7 @@ class Extractor:
         noise_features = (nothing,) * 3
         if not shape:
             power, lines = self.estimator.spectra(samples)
-            ramp = mean = ends = baseline = onset = beat = amplitude = delay = nothing
+            ramp = mean = ends = begun = baseline = fading = beat = amplitude = delay = nothing
         else:
             if noisy:
                 estimates, base = self.estimator.with_basebands(samples, full_scale)
@@ -272,7 +278,8 @@ class Extractor:
                 for x, at, w, s in zip(samples, lines, self._weights, self.estimator.stations, strict=True)
             ]
             ends = np.stack([signal_ends.measured(x, at, sweep) for x, at, _, sweep in each], axis=1)
-            onset = np.stack([transient.measured(*of_station) for of_station in each], axis=1)
+            begun = np.stack([signal_ends.onset(x, at, sweep) for x, at, _, sweep in each], axis=1)
+            fading = np.stack([transient.measured(*of_station) for of_station in each], axis=1)
             baseline = self._means(samples, self._spans)
         stations = self.estimator.stations
         of_stations = tuple(
@@ -285,7 +292,7 @@ class Extractor:
             )
             for take in taken
         )
-        of_line = ramp, np.stack(power, axis=1), lines.T, mean, ends, baseline, onset, beat, amplitude, delay
+        of_line = ramp, np.stack(power, axis=1), lines.T, mean, ends, begun, baseline, fading, beat, amplitude, delay
         return (*of_line, *noise_features, *of_stations)
 
     def _means(self, samples: tuple[np.ndarray, ...], weights: Sequence[np.ndarray]) -> np.ndarray:

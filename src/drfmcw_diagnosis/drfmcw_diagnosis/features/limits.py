@@ -110,6 +110,18 @@ class SpectrumLimits:
     """By how much a line and its mirror differ at least in these, as a share of their power [1]; chosen: below two
     thirds of a cycle they look alike."""
 
+    onset_samples: int = 3
+    """Samples of a span in which a signal's begin is compared; chosen."""
+
+    onsets: int = 2
+    """Such spans, ahead of the analysis window; chosen: it begins with the largest delay that a station may have."""
+
+    onset_whole: float = 0.2
+    """By how much the amplitude in such a span may differ for the signal to count as there throughout [1]; chosen."""
+
+    onset_late: float = 1.0
+    """Samples that must lie between the signal's begin and such a span; chosen: the sampling grid rounds it."""
+
     shortest_transient: int = 8
     """Samples of the first span after the signal's begin; chosen."""
 

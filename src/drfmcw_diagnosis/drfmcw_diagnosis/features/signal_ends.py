@@ -1,11 +1,11 @@
-"""When a station's signal begins and ends within the sweep."""
+"""When a station's signal begins and ends within the sweep, and how its line begins."""
 
 import numpy as np
 
 from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SPECTRUM
-from .spectra import turning
+from .spectra import line_amplitude
 
 
 def measured(samples: np.ndarray, frequency: np.ndarray, sweep: SweepSettings) -> np.ndarray:
@@ -25,7 +25,7 @@ def measured(samples: np.ndarray, frequency: np.ndarray, sweep: SweepSettings) -
     count, last = SPECTRUM.edge_samples, end - SPECTRUM.edge_inside
     before, after = max(first - count, 0), min(last + count, samples.shape[1])
     outside, inside, latest, later = (
-        _amplitude(samples[:, a:b], cycles, a)
+        line_amplitude(samples[:, a:b], cycles, a)
         for a, b in ((before, first), (first, first + count), (last - count, last), (last, after))
     )
     begins = first - (first - before) * _share(outside, inside)
@@ -33,23 +33,46 @@ def measured(samples: np.ndarray, frequency: np.ndarray, sweep: SweepSettings) -
     return np.stack([begins, ends], axis=1)
 
 
+def onset_spans(sweep: SweepSettings) -> np.ndarray:
+    """Return the first sample of each span and its end (V, 2): those right ahead of the window.
+
+    A near station's signal has begun by then. Negative where the sweep has no such samples.
+    """
+    first = round(sweep.analysis_window()[0] * sweep.sample_rate)
+    begins = first - SPECTRUM.onset_samples * np.arange(SPECTRUM.onsets, 0, -1)
+    return np.stack([begins, begins + SPECTRUM.onset_samples], axis=1)
+
+
+def onset_times(sweep: SweepSettings) -> np.ndarray:
+    """Return when the spans begin and end (V, 2) [s]."""
+    found: np.ndarray = onset_spans(sweep) / sweep.sample_rate
+    return found
+
+
+def onset(samples: np.ndarray, frequency: np.ndarray, sweep: SweepSettings) -> np.ndarray:
+    """Return by how much the line differs in each span (n, 2 V): real, then imaginary parts.
+
+    Of its complex amplitude there over that in the samples after the window's begin, less 1. 0 of a span that the sweep
+    does not have.
+
+    Args:
+        samples: of a station (n, N), real or complex [LSB].
+        frequency: of its line (n,) [Hz].
+        sweep: its settings.
+    """
+    cycles = frequency / sweep.sample_rate
+    edges = onset_spans(sweep)
+    first = int(edges[-1, 1])
+    inside = line_amplitude(samples[:, first : first + SPECTRUM.edge_samples], cycles, first)
+    inside = np.where(np.abs(inside) > 0.0, inside, np.inf)
+    found = np.zeros((len(samples), len(edges)), complex)
+    for span, (begin, end) in enumerate(edges):
+        if begin >= 0:
+            found[:, span] = line_amplitude(samples[:, begin:end], cycles, int(begin)) / inside - 1.0
+    return np.concatenate([found.real, found.imag], axis=1)
+
+
 def _share(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Return what part of an amplitude another one has at its phase (n,)."""
     share: np.ndarray = (part * whole.conj()).real / np.maximum(np.abs(whole) ** 2, 1e-9)
     return share
-
-
-def _amplitude(samples: np.ndarray, cycles: np.ndarray, first: int) -> np.ndarray:
-    """Return a line's complex amplitude in samples (n, N) from the `first` on, by its cycles per sample (n,): (n,).
-
-    Of real samples beside that of its mirror, which a short span does not keep out.
-    """
-    count = samples.shape[1]
-    if not count:
-        return np.zeros(len(samples), complex)
-    turn = turning(-cycles, first, first + count)
-    line = np.einsum('ij,ij->i', samples, turn).astype(complex) / count
-    if np.iscomplexobj(samples):
-        return line
-    mirror = np.einsum('ij,ij->i', turn, turn).astype(complex) / count
-    return (line - mirror * line.conj()) / np.maximum(1.0 - np.abs(mirror) ** 2, SPECTRUM.edge_alike)

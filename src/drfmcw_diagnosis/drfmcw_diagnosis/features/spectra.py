@@ -55,6 +55,22 @@ def at_line(samples: np.ndarray, cycles: np.ndarray, weights: np.ndarray) -> np.
     return np.sum(sums * stretches, axis=1, dtype=complex) + np.sum(rest, axis=1, dtype=complex)
 
 
+def line_amplitude(samples: np.ndarray, cycles: np.ndarray, first: int) -> np.ndarray:
+    """Return a line's complex amplitude in samples (n, N) from the `first` on, by its cycles per sample (n,): (n,).
+
+    Of real samples beside that of its mirror, which a short span does not keep out.
+    """
+    count = samples.shape[1]
+    if not count:
+        return np.zeros(len(samples), complex)
+    turn = turning(-cycles, first, first + count)
+    line = np.einsum('ij,ij->i', samples, turn).astype(complex) / count
+    if np.iscomplexobj(samples):
+        return line
+    mirror = np.einsum('ij,ij->i', turn, turn).astype(complex) / count
+    return (line - mirror * line.conj()) / np.maximum(1.0 - np.abs(mirror) ** 2, SPECTRUM.edge_alike)
+
+
 def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
     """Return the noise around each bin of mean spectra (..., B), lines left out: a running median over `bins`."""
     return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='reflect')
@@ -89,11 +105,11 @@ def median_of_mean(count: float | np.ndarray) -> float | np.ndarray:
 
 
 def mean_power(power: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (mean of the chosen sweeps' spectra (S, B), their number (S,)).
+    """Return (mean of the chosen sweeps' spectra (S, B), number of sweeps of equal weight with its variance (S,)).
 
     Args:
         power: spectra (n, S, B).
         chosen: which sweeps, or their weights (n, S).
     """
-    count = chosen.sum(axis=0)
-    return np.einsum('nsb,ns->sb', power, chosen) / count[:, None], count
+    total, squares = chosen.sum(axis=0), np.sum(np.square(chosen, dtype=float), axis=0)
+    return np.einsum('nsb,ns->sb', power, chosen) / total[:, None], total**2 / squares

@@ -9,7 +9,7 @@ from .kind import Kind
 from .noise import BURST, COHERENCE, NOISE
 from .path import AMPLITUDE, BEAT, MOVEMENT, RANGE, VELOCITY
 from .ramp import FLUTTER, RAMP
-from .spectrum import BASELINE, ENDS, LINES, MEAN, TRANSIENT
+from .spectrum import BASELINE, ENDS, LINES, MEAN, ONSET, TRANSIENT
 
 KINDS: list[Kind] = [
     RAMP,
@@ -18,6 +18,7 @@ KINDS: list[Kind] = [
     MEAN,
     BASELINE,
     TRANSIENT,
+    ONSET,
     ENDS,
     HARMONIC,
     PILED,

@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter1d
 
 from drfmcw_physics.sweep import SweepSettings
 
-from ...features import transient
+from ...features import signal_ends, transient
 from ...features.extractor import span_times
 from ...features.limits import SPECTRUM
 from ...features.spectra import gaussian
@@ -150,6 +150,40 @@ class Transient(_InSpans):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Onset(_InSpans):
+    """Change of the line in spans ahead of the window, over the line after them (G, S, 2 V), real parts first."""
+
+    def measured(self, evidence: Evidence) -> Measured:
+        """Return the mean over each group, of spans throughout which there is a signal; what else as of a transient.
+
+        Where there is none in a part of a span, the signal's begin shows that.
+        """
+        recorded, values = evidence.recorded, evidence.mean(self.name)
+        if recorded.topology.hears_itself or not recorded.scatters:
+            return values, np.full_like(values, np.inf)
+        std = np.hypot(_scatter(evidence, self.name, 0.0), SCATTER.least_onset)
+        return values, np.where(_is_whole(values), std, np.inf)
+
+    def predicted(self, expected: Expected) -> np.ndarray:
+        """Return the change in simulated sweeps; what takes a part of the signal shows in its begin alone."""
+        found = expected.features.onset
+        if expected.plain is expected:
+            return found
+        return np.where(_is_whole(found), found, expected.plain.features.onset)
+
+    def limited(self, std: np.ndarray, expected: list[Expected]) -> np.ndarray:
+        """Return the standard deviations, infinite where the nominal signal has not begun well ahead of a span."""
+        std = std.copy()
+        for one in expected:
+            part = one.part
+            for row, heard in enumerate(one.model.recorded.heard):
+                begins = signal_ends.onset_spans(part.extract.sweeps[heard])[:, 0]
+                late = one.features.ends[:, row, :1] + SPECTRUM.onset_late > begins
+                std[part.groups, row] = np.where(np.tile(late | (begins < 0), 2), np.inf, std[part.groups, row])
+        return std
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Ends(Kind):
     """Samples before the signal begins and before it ends (G, S, 2)."""
 
@@ -171,6 +205,12 @@ class Ends(Kind):
         """Return squares over the time in the sweep [s]."""
         window = recorded.data.sweeps[0][recorded.heard[0]].analysis_window()
         return np.array(window), np.sum(z.reshape(-1, 2) ** 2, axis=0)
+
+
+def _is_whole(change: np.ndarray) -> np.ndarray:
+    """Return whether there is a signal throughout spans, by the line's change there (..., 2 V), likewise."""
+    real, imaginary = np.split(change, 2, axis=-1)
+    return np.tile(np.abs(np.hypot(1.0 + real, imaginary) - 1.0) < SPECTRUM.onset_whole, 2)
 
 
 def _averaged(evidence: Evidence, feature: str) -> Measured:
@@ -232,6 +272,16 @@ TRANSIENT = Transient(
     level='if_samples',
     axis='ramp_time',
     label='what fades after the begin of the signal',
+    of_begin=True,
+    averages=True,
+    scatter_freedom=1,
+)
+ONSET = Onset(
+    name='onset',
+    times=signal_ends.onset_times,
+    level='if_samples',
+    axis='ramp_time',
+    label='begin of the line',
     of_begin=True,
     averages=True,
     scatter_freedom=1,
