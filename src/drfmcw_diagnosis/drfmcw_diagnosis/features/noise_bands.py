@@ -1,6 +1,6 @@
 """Noise in bands of equal width beside the lines: what a spectrum shows of it, and what further lines make of that."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -35,11 +35,12 @@ class NoiseBands:
             line: of each station (S,) [Hz].
             count: of the sweeps in each mean (S,).
         """
-        noise = np.full((len(power), SPECTRUM.bands), np.nan)
-        for station, band, inside in self._each(power, line):
+
+        def level(inside: np.ndarray, station: int) -> float:
             median = np.median(inside) / median_of_mean(count[station])
-            noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
-        return noise
+            return float(10.0 * np.log10(median / self._window_power[station]))
+
+        return self._each_band(power, line, level, np.nan)
 
     def std(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Return the standard deviation of the noise in bands (S, N) [dB], infinite where a line fills the band.
@@ -51,21 +52,32 @@ class NoiseBands:
             line: of each station (S,) [Hz].
             count: of the sweeps in each mean (S,).
         """
-        std = np.full((len(power), SPECTRUM.bands), np.inf)
-        for station, band, inside in self._each(power, line):
-            std[station, band] = 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
-        return std
 
-    def _each(self, power: np.ndarray, line: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Yield station, band, and the power in the band's bins beside the line, of bands with enough of them."""
+        def scatter(inside: np.ndarray, station: int) -> float:
+            return 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
+
+        return self._each_band(power, line, scatter, np.inf)
+
+    def _each_band(
+        self, power: np.ndarray, line: np.ndarray, of: Callable[[np.ndarray, int], float], nothing: float
+    ) -> np.ndarray:
+        """Return what the bins of each band show beside the line (S, N), `nothing` where it leaves too few.
+
+        Args:
+            power: mean spectra (S, B) [LSB^2].
+            line: of each station (S,) [Hz].
+            of: takes the power in a band's bins (n,) and the station's number.
+            nothing: value of other bands.
+        """
         bins = power.shape[-1]
-        masked = self.at_line(line, bins)
-        edges = edges_of(bins)
-        for station, band in np.ndindex(len(power), SPECTRUM.bands):
+        masked, edges = self.at_line(line, bins), edges_of(bins)
+        found = np.full((len(power), SPECTRUM.bands), nothing)
+        for station, band in np.ndindex(found.shape):
             own = slice(edges[band], edges[band + 1])
             inside = power[station, own][~masked[station, own]]
             if len(inside) >= SPECTRUM.fewest_bins:
-                yield station, band, inside
+                found[station, band] = of(inside, station)
+        return found
 
     def with_power(self, quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
         """Return noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample] with smooth power added.
@@ -114,12 +126,16 @@ def _std_of_median(power: np.ndarray, count: float) -> float:
         power: of the bins (n,).
         count: of the powers in each mean.
     """
-    parts = [np.median(part) for part in np.array_split(power, SPECTRUM.band_parts)]
+    parts = np.array([np.median(part) for part in np.array_split(power, SPECTRUM.band_parts)])
+    least = np.finfo(float).tiny  # samples that are all zero have no noise
     place = (np.arange(len(parts)) + 0.5) / len(parts)
-    course = np.polynomial.Polynomial.fit(place, np.log(np.maximum(parts, np.finfo(float).tiny)), 2)
-    over = (np.log(np.median(power)) - course(np.linspace(0.0, 1.0, SPECTRUM.band_places))) * np.sqrt(count)
+    course = np.polynomial.Polynomial.fit(place, np.log(np.maximum(parts, least)), 2)
+    middle = np.log(max(float(np.median(power)), least))
+    over = (middle - course(np.linspace(0.0, 1.0, SPECTRUM.band_places))) * np.sqrt(count)
     below = ndtr(over)
     density = np.sqrt(count / (2.0 * np.pi)) * np.mean(np.exp(-0.5 * over**2))
+    if density < least:  # no bin is near the median: it says nothing
+        return np.inf
     return float(np.sqrt(1.9 * np.mean(below * (1.0 - below)) / len(power)) / density)
 
 

@@ -26,3 +26,12 @@ def test_medians_scatter_as_stated(count, slope):
     compared = np.isfinite(stated[0])
     ratio = (np.std(found, axis=0) / np.sqrt(np.mean(np.square(stated), axis=0)))[compared]
     assert compared.sum() > 6 and np.all(np.abs(ratio - 1.0) < 5.0 / np.sqrt(2.0 * TRIALS) + 0.1), ratio
+
+
+@pytest.mark.parametrize('silent', [slice(None), slice(0, BINS, 2), slice(0, 64)])
+def test_samples_without_noise_have_a_deviation_all_the_same(silent):
+    """Bins of no power at all, as of a receiver that is off, leave no number undefined."""
+    power = np.random.default_rng(2).exponential(1.0, (1, BINS))
+    power[:, silent] = 0.0
+    std = NoiseBands(RATE, [1.5]).std(power, np.array([3e5]), np.array([26]))
+    assert not np.any(np.isnan(std)) and np.all(std > 0.0)
