@@ -312,8 +312,7 @@ def test_at_one_distance_noise_in_one_half_of_the_band_predicts_the_other(data, 
     """A floor is as high everywhere: noise that falls from 10 dB more to none over the band is no floor."""
     comparison = Comparison(data, np.flatnonzero(data.group == data.group[0]))
     concealed(comparison, Effect.registry['noise_floor'](excess=10.0, station='slave'))
-    kind = next(k for k in comparison.kinds if k.name == 'noise')
-    rows = comparison.rows(kind, 1)
+    rows = np.flatnonzero(comparison.entries.where(kind='noise', station=1))
     comparison.residual[rows] *= np.linspace(1.0, last, len(rows))
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'noise_floor', 'slave', excess=5.0))
@@ -325,8 +324,7 @@ def test_what_both_lines_share_is_no_evidence_where_the_noise_is_unexplained(dat
     """A share is relative to the noise: a stuck bit's had made oscillators noisier by their coherence alone."""
     comparison = Comparison(data)
     concealed(comparison, Effect.registry['phase_noise'](level=-84.0, corner=2e5, station='master'))
-    noise = next(k for k in comparison.kinds if k.name == 'noise')
-    rows = comparison.rows(noise)
+    rows = np.flatnonzero(comparison.entries.where(kind='noise'))
     comparison.residual[rows] += unknown * (-1.0) ** np.arange(len(rows))
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'phase_noise', 'master', level=-86.0, corner=2e5))

@@ -89,6 +89,10 @@ class _InSpans(Kind):
     """Numbers in V spans of the sweep (G, S, 2 V) or (G, S, V): those of one part of the samples after the other's."""
 
     times: Callable[[SweepSettings], np.ndarray]  # when the spans of a sweep begin and end (V, 2) [s]
+    level: str = 'if_samples'
+    axis: str = 'ramp_time'
+    averages: bool = True
+    scatter_freedom: int = 1
 
     def _spans(self, recorded: RecordedSweeps) -> np.ndarray:
         """Return when each span of the first station's sweep begins and ends (V, 2) [s]."""
@@ -134,15 +138,9 @@ class Transient(_InSpans):
     """Means of the samples after the signal's begin, over the line and at its phase (G, S, 2 V), real parts first."""
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the mean over each group, of spans long enough; nothing of a station that hears itself.
-
-        Its line has one phase throughout, so that others do not average out. Nor of sweeps too few to scatter.
-        """
-        recorded, values = evidence.recorded, evidence.mean(self.name)
-        if recorded.topology.hears_itself or not recorded.scatters:
-            return values, np.full_like(values, np.inf)
-        std = _scatter(evidence, self.name, SCATTER.least_transient)
-        return values, np.where(np.abs(self._turns(recorded, 2)) > SPECTRUM.transient_turns, std, np.inf)
+        """Return the mean over each group, of spans long enough."""
+        values, std = _at_phase(evidence, self.name, SCATTER.least_transient)
+        return values, np.where(np.abs(self._turns(evidence.recorded, 2)) > SPECTRUM.transient_turns, std, np.inf)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the means of simulated sweeps."""
@@ -154,15 +152,12 @@ class Onset(_InSpans):
     """Change of the line in spans ahead of the window, over the line after them (G, S, 2 V), real parts first."""
 
     def measured(self, evidence: Evidence) -> Measured:
-        """Return the mean over each group, of spans throughout which there is a signal; what else as of a transient.
+        """Return the mean over each group, of spans throughout which there is a signal.
 
         Where there is none in a part of a span, the signal's begin shows that.
         """
-        recorded, values = evidence.recorded, evidence.mean(self.name)
-        if recorded.topology.hears_itself or not recorded.scatters:
-            return values, np.full_like(values, np.inf)
-        std = np.hypot(_scatter(evidence, self.name, 0.0), SCATTER.least_onset)
-        return values, np.where(_is_whole(values), std, np.inf)
+        values, std = _at_phase(evidence, self.name, 0.0)
+        return values, np.where(_is_whole(values), np.hypot(std, SCATTER.least_onset), np.inf)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the change in simulated sweeps; what takes a part of the signal shows in its begin alone."""
@@ -213,6 +208,18 @@ def _is_whole(change: np.ndarray) -> np.ndarray:
     return np.tile(np.abs(np.hypot(1.0 + real, imaginary) - 1.0) < SPECTRUM.onset_whole, 2)
 
 
+def _at_phase(evidence: Evidence, feature: str, least: float) -> Measured:
+    """Return means over each group of what counts at the line's phase, and deviations by the scatter, at least `least`.
+
+    Infinite ones of a station that hears itself: its line has one phase throughout, so that others do not average out.
+    Nor are sweeps compared that are too few to scatter.
+    """
+    recorded, values = evidence.recorded, evidence.mean(feature)
+    if recorded.topology.hears_itself or not recorded.scatters:
+        return values, np.full_like(values, np.inf)
+    return values, _scatter(evidence, feature, least)
+
+
 def _averaged(evidence: Evidence, feature: str) -> Measured:
     """Return means over each group of a feature, and their standard deviations: by the scatter, or by white noise."""
     if evidence.recorded.scatters:
@@ -259,32 +266,20 @@ BASELINE = Baseline(
     name='baseline',
     times=span_times,
     of_converter=True,
-    level='if_samples',
-    axis='ramp_time',
     label='mean of the samples over the ramp',
     unit='LSB',
-    averages=True,
-    scatter_freedom=1,
 )
 TRANSIENT = Transient(
     name='transient',
     times=transient.times,
-    level='if_samples',
-    axis='ramp_time',
     label='what fades after the begin of the signal',
     of_begin=True,
-    averages=True,
-    scatter_freedom=1,
 )
 ONSET = Onset(
     name='onset',
     times=signal_ends.onset_times,
-    level='if_samples',
-    axis='ramp_time',
     label='begin of the line',
     of_begin=True,
-    averages=True,
-    scatter_freedom=1,
 )
 ENDS = Ends(
     name='ends',
