@@ -47,11 +47,11 @@ from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
-from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, rows_of_series, series_of
+from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
 from ..search.fitting import Fitting
-from ..search.leftovers import Leftover, leftovers
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
+from .evidence import clean, excess, of_uneven_converters, significantly_left
 from .paths import LIMITS as PATHS
 from .paths import beyond_paths
 from .receivers import (
@@ -76,11 +76,6 @@ class StandingLimits:
     visible: float = 50.0  # power of an effect in a group from which on it must be seen there (7 sigma) [1]
     smallest: float = 0.25  # its size in such a group, or exact kind of number, over that in all, at least [1]
     predicted: float = 0.5  # share of its gain in each part that a fit without this part predicts, at least [1]
-    clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
-    unchanged: float = 0.01  # square of what an effect adds to a number over the largest in its cell, see `Kind.sparse`
-    noise: float = 1.0  # standard deviations by which noise may raise the rest of a cell [1]
-    left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
-    uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
     evidence: float = 0.2  # share of its gain that lies in clean cells, at least [1]
     probability: float = 1e-9  # chance of the gain in clean cells, at most [1]
     certain: float = 5.0  # size over its standard deviation with all that is unknown as noise, at least [1]
@@ -206,8 +201,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     changes = {
         name: _without_each(rest, slopes, parts, least)[parts] for name, parts in (('group', groups), ('kind', kinds))
     }
-    significant = [x for x in leftovers(fitting, fitted, derivatives, apart=True) if x.probability < LIMITS.left_over]
-    converters = _of_uneven_converters(fitting, significant, as_measured(fitted.template))
+    significant = significantly_left(fitting, fitted, derivatives)
+    converters = of_uneven_converters(fitting, significant, as_measured(fitted.template))
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
@@ -238,18 +233,16 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         else:
             clear = float(np.sum(added[unmistakable] ** 2)) > LIMITS.visible
             testable = by_group or bursts or clear or _largest_share(added, kinds) < LIMITS.alone
-        beside = np.where(_unchanged(fitting, measured, cells), 0.0, left_over)
-        clean = _clean(beside, measured, cells) & ~converters
-        clean &= ~_in_doubt(fitting, significant, beside, measured)
-        standing = _standing(rest, added, moved, moved_own, groups, kinds, clean, ~converters, free, testable)
+        evident = clean(fitting, significant, left_over, measured, cells) & ~converters
+        standing = _standing(rest, added, moved, moved_own, groups, kinds, evident, ~converters, free, testable)
         in_range = float(measured[of_range] @ measured[of_range])
         explained = in_range * _own_share(slopes, own, added)
         curve = curves[number]
-        left = _excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0
+        left = excess(left_over[of_range]) / explained if by_range[number] and curve is None else 0.0
         of_reference = ActsOn.REFERENCE in fitted.effects[number].candidate.kind.acts_on
         if of_reference and len(fitting.set_aside) and 2.0 * in_range < float(measured @ measured):
             shown = as_it_is(alone)[of_range]
-            left = max(left, _excess(as_left[of_range]) / max(float(shown @ shown), 1e-30))
+            left = max(left, excess(as_left[of_range]) / max(float(shown @ shown), 1e-30))
         beside_aside = aside.any() and 2.0 * float(measured[aside] @ measured[aside]) > float(measured @ measured)
         # a group holds few bursts, so each part of the numbers knows their size to that only; numbers of all groups
         # together, of spans and of windows of several lengths, confirm each other where little is left of them
@@ -314,11 +307,6 @@ def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:
     return [float(power / max(total, 1e-30)) for power, total in zip(length**2, together, strict=True)]
 
 
-def _excess(rest: np.ndarray) -> float:
-    """Return by how much the squares of whitened numbers exceed their expectation; zeros are not compared."""
-    return float(rest @ rest) - np.count_nonzero(rest)
-
-
 def _own_share(slopes: np.ndarray, own: slice, added: np.ndarray) -> float:
     """Return the share of what an effect adds (n,) that the other effects' parameters cannot follow.
 
@@ -361,38 +349,19 @@ def _by_range(fitting: Fitting, effect: FittedEffect) -> bool:
     return float(of_range @ of_range) > LIMITS.by_range * float(added @ added)
 
 
-def _of_uneven_converters(fitting: Fitting, significant: list[Leftover], added: np.ndarray) -> np.ndarray:
-    """Return which numbers an ADC may have made that shows uneven codes, or samples at the outermost ones (n,).
-
-    A small rest of what an explanation adds (n,) to the samples at the outermost codes is its own inaccuracy.
-    """
-    c = fitting.comparison
-    of_rail = (x for x in significant if x.kind == 'piled' and x.probability < LIMITS.uneven)
-    found = np.zeros(len(c.residual), bool)
-    stations = {s for s, codes in enumerate(c.codes) if codes is not None and codes.probability < LIMITS.uneven}
-    for left in of_rail:
-        explained = added[c.entries.where(kind=left.kind, station=left.station)]
-        if left.at_least(left.excess) > LIMITS.clean * float(explained @ explained):
-            stations.add(left.station)
-    for station in stations:
-        for kind in c.kinds:
-            if kind.of_converter:
-                found[c.rows(kind, station)] = True
-    return found
-
-
 def _confirming(fitting: Fitting) -> np.ndarray:
     """Return which part each number belongs to, of those that confirm each other (n,): one kind at one station.
 
     Of one distance alone either half of a kind that can be divided.
     """
-    entries = fitting.comparison.entries
-    parts = 2 * series_of(entries)
-    divisible = [kind.name for kind in fitting.comparison.kinds if kind.divisible]
-    if not entries.group.any():
-        for rows in rows_of_series(entries):
-            place = entries.position[rows]
-            parts[rows] += np.isin(entries.kind[rows], divisible) & (place > np.median(place))
+    c = fitting.comparison
+    parts = 2 * series_of(c.entries)
+    if not c.entries.group.any():
+        for kind, station in c.series():
+            if kind.divisible:
+                rows = c.rows(kind, station)
+                place = c.entries.position[rows]
+                parts[rows] += place > np.median(place)
     return np.unique(parts, return_inverse=True)[1]
 
 
@@ -417,44 +386,6 @@ def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least
         inverse = scaled_inverse(left[np.ix_(kept, kept)])
         changes[part, kept] = inverse @ (pull - inside @ rest[parts == part])[kept]
     return changes
-
-
-def _clean(rest: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return which numbers lie in cells that an effect explains but for a small rest (n,), beyond that of noise."""
-    power, excess = np.bincount(cells, added**2), np.bincount(cells, rest**2 - (rest != 0.0))
-    by_chance = LIMITS.noise * np.sqrt(2.0 * np.bincount(cells, rest != 0.0))  # chi-squared
-    return (np.maximum(excess - by_chance, 0.0) < LIMITS.clean * power)[cells]
-
-
-def _unchanged(fitting: Fitting, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return which numbers, of those of which an effect changes few, one does not change (n,)."""
-    most = np.zeros(cells.max() + 1)
-    np.maximum.at(most, cells, added**2)
-    rows = fitting.comparison.rows_of_kinds(lambda kind: kind.sparse)
-    found = np.zeros(len(added), bool)
-    found[rows] = added[rows] ** 2 <= LIMITS.unchanged * most[cells[rows]]
-    return found
-
-
-def _in_doubt(fitting: Fitting, significant: list[Leftover], rest: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """Return which numbers are of a kind, at a station, of which much is left beside what an effect explains (n,).
-
-    A step is left in the ramp where two ripples imitate it, though no single cell shows it. What is relative to a kind
-    of which much is left is in doubt with it.
-    """
-    entries, kinds = fitting.comparison.entries, fitting.comparison.kinds
-    found = np.zeros(len(rest), bool)
-    sparse = {kind.name for kind in kinds if kind.sparse}
-    for left in significant:
-        rows = entries.where(kind=left.kind, station=left.station)
-        excess = _excess(rest[rows])
-        if left.kind not in sparse:
-            excess = left.at_least(excess)
-        resting = (entries.where(kind=kind.name) for kind in kinds if kind.rests_on == left.kind)
-        for doubted in (rows, *(rows | other for other in resting)):
-            if excess > LIMITS.clean * float(added[doubted] @ added[doubted]):
-                found |= doubted
-    return found
 
 
 def _standing(
