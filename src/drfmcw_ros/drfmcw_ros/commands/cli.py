@@ -44,6 +44,8 @@ def guarded(prog: str, work: Callable[[], int | None]) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+    finally:
+        interrupts.answered()
 
 
 def reason(error: OSError) -> str:

@@ -1,9 +1,12 @@
-"""A Ctrl-C that Python swallows is raised again.
+"""A Ctrl-C that Python swallows is raised again, and one that was answered is over.
 
 Python raises the exception of a signal wherever it is just then. In a destructor, or in the callback of a weak
 reference, it says 'Exception ignored' and goes on; importing a module runs such callbacks, and so does a collection of
 garbage. The Ctrl-C would be lost, and a process go on for ever. An object of rclpy whose making it breaks off lacks
 what its destructor asks for: that is no news.
+
+CPython marks a process to die of SIGINT at its end where a Ctrl-C breaks off code that was given as text, as that of
+message classes is, whoever answers the exception. Other code that is given as text takes the mark away.
 """
 
 import os
@@ -31,6 +34,11 @@ def keep() -> None:
         again.start()
 
     sys.unraisablehook = hook
+
+
+def answered() -> None:
+    """Let this process end with its own exit status, although a Ctrl-C came before."""
+    exec('')  # takes CPython's mark away
 
 
 def _broken_off(unraisable: Any) -> bool:

@@ -93,6 +93,7 @@ def run(node_class: Callable[..., Node], argv: Sequence[str] | None = None, **kw
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        interrupts.answered()
     return 0
 
 
