@@ -50,7 +50,7 @@ def _places(search: Search, fitted: Fitted | None, fewest: int) -> list[tuple[tu
     effects = fitted.effects if fitted is not None else ()
     shaping = [i for i, e in enumerate(effects) if e.candidate.kind.shapes_chirp]
     # of several that imitate a bent ramp, one may be what is there beside it
-    all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 2]
+    all_but_one = [tuple(i for i in shaping if i != kept) for kept in shaping if len(shaping) > 1]
     found: dict[tuple, tuple[tuple[int, ...], list[Candidate]]] = {}
     for candidate in of_coefficients(search.comparison.data.stations, search.left_out):
         own = [i for i in shaping if effects[i].key[1] == candidate.station]
