@@ -3,7 +3,8 @@
 The tests of a package lie in its own `test/`, where `colcon test` looks for them. What needs a package above the one
 it examines lies in that upper package's `test/`, so that the packages keep their order: recordings of the proof's
 generator are diagnosed in drfmcw_proof, the watch is put into a graph in drfmcw_bringup. What examines the checkout as
-a whole lies in `test/`, beside the modules and data that tests share.
+a whole lies in `test/`, beside the modules and data that tests share: whole graphs of real processes in `graph/`, the
+documents against the code in `documents/`, launcher and dependencies in `installation/`.
 """
 
 import importlib.util

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import ROOT
 from simulated_pairs import if_turns, pair
 
 from drfmcw_fusion.combination import Station as Combined
@@ -23,7 +24,6 @@ from drfmcw_physics.oscillators import Calibration, range_bias
 from drfmcw_physics.phase_noise import PhaseNoise, combination_gain
 from drfmcw_physics.sweep import Mode, SweepSettings
 
-ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / 'docs' / 'signal_model.md'
 TEXT = DOCUMENT.read_text(encoding='utf-8')
 SWEEP = SweepSettings('a', 'b')  # Table 1

@@ -9,16 +9,15 @@ import re
 import runpy
 import shlex
 import sys
-from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 from drfmcw_physics.settings import declared_parameters
 from drfmcw_ros.graph.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
 from drfmcw_ros.nodes.parameter_tables import filled
 from drfmcw_sim import scenario, trajectory
 
-ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/package.xml'))
 DOCUMENTS = sorted(itertools.chain(ROOT.glob('*.md'), ROOT.glob('docs/**/*.md'), ROOT.glob('src/*/*.md')))
 TOPICS = {*STATION_TOPICS, *PAIR_TOPICS, *SITE_TOPICS, '/diagnostics'}
@@ -53,7 +52,7 @@ def drfmcw_calls():
 def topics_in(package):
     """Topics of the contract that stand in a package's code, alone or at the end of a name."""
     found = set()
-    for module in set(package.rglob('*.py')) - set(package.glob('test/*.py')):
+    for module in set(package.rglob('*.py')) - set(package.glob('test/**/*.py')):
         for node in ast.walk(ast.parse(module.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 found |= {topic for topic in TOPICS if re.fullmatch(rf'(/|/.+/)?{topic.lstrip("/")}', node.value)}
@@ -134,7 +133,9 @@ def test_links_point_to_files(document):
 
 
 def test_documents_named_in_the_code_exist():
-    for source in itertools.chain(ROOT.glob('src/**/*.py'), ROOT.glob('test/*.py'), ROOT.glob('setup/*.py'), DOCUMENTS):
+    for source in itertools.chain(
+        ROOT.glob('src/**/*.py'), ROOT.glob('test/**/*.py'), ROOT.glob('setup/*.py'), DOCUMENTS
+    ):
         for document in re.findall(r'(?<![\w./])docs/\w+\.md', source.read_text(encoding='utf-8')):
             assert (ROOT / document).exists(), (name(source), document)
 

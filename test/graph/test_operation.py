@@ -8,9 +8,9 @@ import socket
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.graph.topics import PAIR_TOPICS, SITE_TOPICS, STATION_TOPICS
@@ -18,7 +18,6 @@ from drfmcw_ros.operation import keystore
 from drfmcw_ros.operation.security import fast_dds_is_secure, policy, refuse_pretence, rights
 from drfmcw_ros.operation.watchdog import Watchdog
 
-ROOT = Path(__file__).parents[1]
 UNITS = sorted((ROOT / 'src/drfmcw_ros/systemd').glob('*.service'))
 PAIRS = [('master', 'slave'), ('master', 'tower')]
 

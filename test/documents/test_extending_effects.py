@@ -8,11 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 from drfmcw_diagnosis import diagnose
 from drfmcw_sim import effects, simulate
 
-PAGE = Path(__file__).parents[1] / 'docs/extending.md'
+PAGE = ROOT / 'docs/extending.md'
 COMMANDS = {'simulate': simulate.main, 'diagnose': diagnose.main}
 
 

@@ -9,10 +9,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 from drfmcw_sim.effects import Effect
 
-ROOT = Path(__file__).parents[1]
 ARCHITECTURE = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8')
 DOCUMENTS = sorted(itertools.chain(ROOT.glob('*.md'), ROOT.glob('docs/*.md'), ROOT.glob('src/*/README.md')))
 PACKAGES = {path.parent.name for path in ROOT.glob('src/*/package.xml')}
@@ -29,7 +29,7 @@ BANNED = (
 
 SOURCES = sorted(
     path
-    for pattern in ('src/*/**/*.py', 'test/*.py', 'setup/*.py', 'benchmarks/*.py', 'conftest.py', 'drfmcw')
+    for pattern in ('src/*/**/*.py', 'test/**/*.py', 'setup/*.py', 'benchmarks/*.py', 'conftest.py', 'drfmcw')
     for path in ROOT.glob(pattern)
     if path != Path(__file__)
 )

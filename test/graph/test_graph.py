@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from checkout import DATA, ROOT
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from drfmcw_msgs.msg import BeatFrequency, IfSamples, ReferenceRange
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -47,9 +48,8 @@ from drfmcw_sim.scenario import read_scenario
 
 pytestmark = pytest.mark.graph
 
-ROOT = Path(__file__).parents[1]
 WATCH = 'drfmcw_diagnosis.live.node'
-PRACTICE = ROOT / 'test' / 'data' / 'recording_0'
+PRACTICE = DATA / 'recording_0'
 LIMIT = 40.0  # for anything that is waited for, on a busy machine [s]
 STOP_LIMIT = 20.0  # for a process to end after a signal, before a launcher uses force [s]
 STANDING = {'standing': {'distances': [100.0], 'sweeps': 1_000_000}}

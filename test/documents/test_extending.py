@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from checkout import ROOT
 from drfmcw_msgs.msg import BeatFrequency, SweepConfig
 from rclpy.executors import SingleThreadedExecutor
 
 from drfmcw_ros.graph import qos
 
-ROOT = Path(__file__).parents[1]
 PACKAGE = Path('src', 'drfmcw_node')
 LIMIT = 90.0  # for anything that is waited for, on a busy machine [s]
 SUBCOMMANDS = {name: module for name, (module, _) in runpy.run_path(str(ROOT / 'drfmcw'))['SUBCOMMANDS'].items()}

@@ -5,10 +5,10 @@ import importlib.util
 import re
 import sys
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import DATA, ROOT
 
 from drfmcw_diagnosis.compare import kinds
 from drfmcw_diagnosis.compare.comparison import Comparison
@@ -18,8 +18,7 @@ from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 
-HERE = Path(__file__).parent
-PAGE = HERE.parent / 'docs/extending.md'
+PAGE = ROOT / 'docs/extending.md'
 
 
 def blocks(section):
@@ -50,7 +49,7 @@ def kurtosis(tmp_path, monkeypatch):
 @pytest.fixture(scope='module')
 def data():
     """A recording without mismatch: the simulator's nominal sweeps."""
-    return read_dataset(HERE / 'data/recording_0')
+    return read_dataset(DATA / 'recording_0')
 
 
 def test_a_new_kind_follows_its_noise_law(kurtosis, data):

@@ -10,11 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from setup.interpreter import SetupError
 
 from setup import wheels
 
-ROOT = Path(__file__).resolve().parent.parent
 PYTHON = os.path.realpath(sys.executable)
 SUBCOMMANDS = (
     'demo test run station fusion gateway foxglove doctor frames simulate record replay info repair import export view '

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from checkout import ROOT
 from diagnostic_msgs.msg import DiagnosticArray
 from drfmcw_msgs.msg import BeatFrequency
 from rclpy.executors import SingleThreadedExecutor
-from test_graph import ROOT, STANDING, scenario_file, site
+from test_graph import STANDING, scenario_file, site
 
 from drfmcw_bringup import graph as graphs
 from drfmcw_bringup.graph import STATION, Graph, Member
