@@ -1,7 +1,7 @@
 """Effects beside something that the registry lacks: which of them stand, and which are found."""
 
 import pytest
-from test_search import beginning, compared
+from comparing import beginning, compared
 
 from drfmcw_diagnosis.judging import curves
 from drfmcw_diagnosis.judging.standing import standings

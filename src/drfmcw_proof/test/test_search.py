@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.features.limits import SPECTRUM
 from drfmcw_diagnosis.judging.rivals import rivals, widened
+from drfmcw_diagnosis.judging.steadiness import gains_over_other_station
 from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
 from drfmcw_diagnosis.search.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_diagnosis.search.limits import SEARCH
 from drfmcw_diagnosis.search.search import Search
-from drfmcw_diagnosis.search.selection import searched
+from drfmcw_diagnosis.search.selection import Found, searched
 from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.decoys import DECOYS
@@ -404,6 +406,21 @@ def test_steep_noise_near_the_line_is_no_modulation(tmp_path, shape, effects, ve
     judgement = judged(search, searched(search, 0.01), 0.01)
     assert judgement.verdict == verdict
     assert {e.key[0] for e in (judgement.explanation.effects if judgement.explanation else ())} == named
+
+
+@pytest.mark.parametrize('station', ['master', 'slave'])
+def test_of_which_station_a_modulation_is_shows_in_each_sweep(tmp_path, station):
+    """Its power is the same in both lines; the other station hears it one path delay later. A fixed recording."""
+    hum = {'deviation': 400.0, 'rate': 12e3}
+    comparison = compared(tmp_path / 'r', 62, Applied('frequency_modulation', station, hum))
+    search = Search(comparison, without=set(Effect.registry) - {'frequency_modulation'})
+    both = [search.fit([beginning('frequency_modulation', own, hum)]) for own in comparison.data.stations]
+    assert abs(both[0].misfit - both[1].misfit) < SEARCH.rival
+    for fitted in both:
+        (gain,) = gains_over_other_station(search, fitted)
+        assert gain > SEARCH.rival if fitted.keys[0][1] == station else gain < -SEARCH.rival
+        judgement = judged(search, Found(fitted, 0.0, [], both), 0.01)
+        assert (judgement.verdict, judgement.explanation.keys) == ('explained', (('frequency_modulation', station),))
 
 
 def test_twins_promise_the_same(tmp_path):

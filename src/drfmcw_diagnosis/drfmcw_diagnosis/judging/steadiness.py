@@ -1,15 +1,20 @@
-"""Whether what changes from sweep to sweep is a modulation of one size, or noise.
+"""Whether what changes from sweep to sweep is a modulation of one size, or noise, and which station's it is.
 
 In: an explanation with effects of random phase, and the sweeps. Out: the odds of each such effect. A modulation has one
 size in all sweeps, noise of the same power has one that scatters. The noise near a line is often steeper than any
-oscillator's model: its power in a few terms of the ramp alone would pass for a slow modulation.
+oscillator's model: its power in a few terms of the ramp alone would pass for a slow modulation. Both lines hold a
+modulation, the other station's one path delay later: its power hardly shows that, its phase in each sweep does.
 """
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy import special
 
+from drfmcw_sim.effects import Effect
+
+from ..compare.comparison import Comparison
 from ..compare.limits import SCATTER
 from ..features.extractor import ramp_spectrum
 from ..search.fitted import Fitted
@@ -39,28 +44,74 @@ def odds_of_one_size(fitting: Fitting, fitted: Fitted) -> list[float]:
     Infinity for effects without a phase of their own in each sweep, and where sweeps are too few to scatter.
     """
     found = [np.inf] * len(fitted.effects)
-    built = [e.build() for e in fitted.effects]
-    random = [i for i, effect in enumerate(built) if effect.fluctuates]
-    c = fitting.comparison
-    if not (random and c.recorded.scatters):
-        return found
-    waves = c.quadratures(built)[..., SCATTER.steady :]
+    built, random = _of_random_phase(fitted)
     sums = np.zeros(len(random))
-    for g, sweeps in enumerate(c.sweeps):
-        terms = ramp_spectrum(sweeps.ramp)[..., SCATTER.steady :]
-        std = np.sqrt(c.std['flutter'][g][:, SCATTER.steady :])
-        way = (waves[:, :, g] / std).reshape(2 * len(random), -1)
-        changes = ((terms - terms.mean(axis=0)) / std).reshape(len(terms), -1)
-        inverse = np.linalg.pinv(way @ way.T, hermitian=True)
-        sizes = (changes @ way.T @ inverse).reshape(len(terms), len(random), 2)
+    for changes, waves in _sweeps(fitting.comparison, built, random):
+        inverse = np.linalg.pinv(waves @ waves.T, hermitian=True)
+        sizes = (changes @ waves.T @ inverse).reshape(len(changes), len(random), 2)
         # with the mean of the sweeps goes that of their phasors
-        known = (LIMITS.size**2 + 0.5 / len(terms)) * np.eye(2)
+        known = (LIMITS.size**2 + 0.5 / len(changes)) * np.eye(2)
         for number in range(len(random)):
             own = slice(2 * number, 2 * number + 2)
             sums[number] += _log_odds(sizes[:, number], inverse[own, own] + known).sum()
     for number, index in enumerate(random):
-        found[index] = float(sums[number])
+        found[index] = float(sums[number]) if fitting.comparison.recorded.scatters else np.inf
     return found
+
+
+def gains_over_other_station(fitting: Fitting, fitted: Fitted) -> list[float]:
+    """Return by how much more of the sweeps each effect explains than it would at the other station: squared sigma.
+
+    0 for effects without a phase of their own in each sweep, where no other station is, or it has the same effect.
+    """
+    found = [0.0] * len(fitted.effects)
+    built, random = _of_random_phase(fitted)
+    for index in random:
+        effect, station = fitted.effects[index], other_station(fitting, fitted.effects[index].key[1])
+        if station and (effect.key[0], station) not in fitted.keys:
+            moved = [*built]
+            moved[index] = dataclasses.replace(built[index], station=station)
+            here, there = (_explained(fitting.comparison, effects, random) for effects in (built, moved))
+            found[index] = here - there
+    return found
+
+
+def other_station(fitting: Fitting, station: str) -> str:
+    """Return the other one of two stations, '' where there is none."""
+    others = [name for name in fitting.comparison.data.stations if name != station]
+    return others[0] if len(others) == 1 else ''
+
+
+def _of_random_phase(fitted: Fitted) -> tuple[list[Effect], list[int]]:
+    """Return all effects, and the numbers of those with a phase of their own in each sweep."""
+    built = [e.build() for e in fitted.effects]
+    return built, [i for i, effect in enumerate(built) if effect.fluctuates]
+
+
+def _explained(comparison: Comparison, effects: Sequence[Effect], random: Sequence[int]) -> float:
+    """Return the power that effects of random phase explain of all sweeps, in each with the phase and size it has."""
+    total = 0.0
+    for changes, waves in _sweeps(comparison, effects, random):
+        along = changes @ waves.T
+        total += float(np.sum(along @ np.linalg.pinv(waves @ waves.T, hermitian=True) * along))
+    return total
+
+
+def _sweeps(
+    comparison: Comparison, effects: Sequence[Effect], random: Sequence[int]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield whitened terms of each group's sweeps less their mean (n, V), and what random phases add (2 R, V).
+
+    Of all channels and sweeps without bursts; cosine and sine of each effect. Nothing of too few sweeps to scatter.
+    """
+    if not (random and comparison.recorded.scatters):
+        return
+    waves = comparison.quadratures(effects)[..., SCATTER.steady :]
+    for g, (sweeps, calm) in enumerate(zip(comparison.sweeps, comparison.recorded.calm, strict=True)):
+        terms = ramp_spectrum(sweeps.ramp[calm])[..., SCATTER.steady :]
+        std = np.sqrt(comparison.std['flutter'][g][:, SCATTER.steady :])
+        changes = ((terms - terms.mean(axis=0)) / std).reshape(len(terms), -1)
+        yield changes, (waves[:, :, g] / std).reshape(2 * len(random), -1)
 
 
 def _log_odds(sizes: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from ..search import events
 from ..search.bent_ramps import unified
 from ..search.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
-from ..search.limits import SELECTION
+from ..search.limits import SEARCH, SELECTION
 from ..search.search import Search
 from ..search.selection import Found, better_bent, forward, pruned, united_with
 from . import curves, paths, standing, steadiness
@@ -78,15 +78,16 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
             left = _significant(search, None, false_alarm_rate)
             return Judgement('unexplained', None, [], [], significance, left)
         exchanged = [*search.exchanges(current), *united_with(search, current, false_alarm_rate)]
-        current = widened(current, exchanged)
         alternatives = [f for f in rivals(search, current, exchanged) if all(s.stands for s in standings(search, f))]
+        current, alternatives = _at_their_stations(search, current, alternatives)
+        current = widened(current, exchanged)
         left = _significant(search, current, false_alarm_rate)
         beside = 'explained' if _holds(search, current, left) else 'partial'
         verdict = 'ambiguous' if alternatives else beside
         current, alternatives = _fewest_kinds_first(current, alternatives, exchanged)
         return Judgement(verdict, current, alternatives, exchanged, significance, left)
+    current, alternatives = _at_their_stations(search, current, rivals(search, current, found.exchanged))
     current = widened(current, found.exchanged)
-    alternatives = rivals(search, current, found.exchanged)
     verdict = 'ambiguous' if alternatives else 'explained'
     current, alternatives = _fewest_kinds_first(current, alternatives, found.exchanged)
     return Judgement(verdict, current, alternatives, found.exchanged, significance, left)
@@ -108,6 +109,21 @@ def _fewest_kinds_first(
     if kinds(first) >= kinds(found):
         return found, alternatives
     return widened(first, exchanged), [found, *(a for a in alternatives if a is not first)]
+
+
+def _at_their_stations(search: Search, fitted: Fitted, alternatives: list[Fitted]) -> tuple[Fitted, list[Fitted]]:
+    """Return explanations without those whose modulations the sweeps one by one show to be the other station's."""
+    for number, gain in enumerate(steadiness.gains_over_other_station(search, fitted)):
+        if abs(gain) < SEARCH.rival:
+            continue
+        effect = fitted.effects[number]
+        own, other = effect.key, (effect.key[0], steadiness.other_station(search, effect.key[1]))
+        if gain < 0.0:
+            moved = dataclasses.replace(effect.candidate, station=other[1]), effect.values
+            fitted = search.fit([*fitted.start[:number], moved, *fitted.start[number + 1 :]])
+            own, other = other, own
+        alternatives = [f for f in alternatives if f.keys != fitted.keys and (own in f.keys or other not in f.keys)]
+    return fitted, alternatives
 
 
 def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitted | None:
