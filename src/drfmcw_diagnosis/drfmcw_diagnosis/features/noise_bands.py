@@ -1,6 +1,6 @@
 """Noise in bands of equal width beside the lines: what a spectrum shows of it, and what further lines make of that."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -28,19 +28,26 @@ class NoiseBands:
         return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
 
     def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Return the noise in bands (S, N) [dB of 1 LSB^2 per sample], NaN where a line fills the band.
+        """Return the noise in bands (..., S, N) [dB of 1 LSB^2 per sample], NaN where a line fills the band.
 
         Args:
-            power: mean spectra (S, B) [LSB^2].
-            line: of each station (S,) [Hz].
-            count: of the sweeps in each mean (S,).
+            power: mean spectra (..., S, B) [LSB^2].
+            line: of each station (..., S) [Hz].
+            count: of the sweeps in each mean (..., S).
         """
-
-        def level(inside: np.ndarray, station: int) -> float:
-            median = np.median(inside) / median_of_mean(count[station])
-            return float(10.0 * np.log10(median / self._window_power[station]))
-
-        return self._each_band(power, line, level, np.nan)
+        edges = edges_of(power.shape[-1])
+        within = np.arange(np.diff(edges).max())
+        places = np.minimum(edges[:-1, None] + within, power.shape[-1] - 1)
+        hidden = self.at_line(line, power.shape[-1])[..., places] | (within >= np.diff(edges)[:, None])
+        bins = np.count_nonzero(~hidden, axis=-1)
+        ordered = np.sort(np.where(hidden, np.inf, power[..., places]), axis=-1)
+        enough = bins >= SPECTRUM.fewest_bins
+        lower, upper = (
+            np.take_along_axis(ordered, np.where(enough, half, 0)[..., None], axis=-1)[..., 0]
+            for half in ((bins - 1) // 2, bins // 2)
+        )
+        median = 0.5 * (lower + upper) / median_of_mean(count)[..., None]
+        return np.where(enough, 10.0 * np.log10(median / self._window_power[:, None]), np.nan)
 
     def std(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Return the standard deviation of the noise in bands (S, N) [dB], infinite where a line fills the band.
@@ -52,31 +59,14 @@ class NoiseBands:
             line: of each station (S,) [Hz].
             count: of the sweeps in each mean (S,).
         """
-
-        def scatter(inside: np.ndarray, station: int) -> float:
-            return 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
-
-        return self._each_band(power, line, scatter, np.inf)
-
-    def _each_band(
-        self, power: np.ndarray, line: np.ndarray, of: Callable[[np.ndarray, int], float], nothing: float
-    ) -> np.ndarray:
-        """Return what the bins of each band show beside the line (S, N), `nothing` where it leaves too few.
-
-        Args:
-            power: mean spectra (S, B) [LSB^2].
-            line: of each station (S,) [Hz].
-            of: takes the power in a band's bins (n,) and the station's number.
-            nothing: value of other bands.
-        """
         bins = power.shape[-1]
         masked, edges = self.at_line(line, bins), edges_of(bins)
-        found = np.full((len(power), SPECTRUM.bands), nothing)
+        found = np.full((len(power), SPECTRUM.bands), np.inf)
         for station, band in np.ndindex(found.shape):
             own = slice(edges[band], edges[band + 1])
             inside = power[station, own][~masked[station, own]]
             if len(inside) >= SPECTRUM.fewest_bins:
-                found[station, band] = of(inside, station)
+                found[station, band] = 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
         return found
 
     def with_power(self, quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
