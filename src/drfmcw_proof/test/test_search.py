@@ -423,6 +423,15 @@ def test_of_which_station_a_modulation_is_shows_in_each_sweep(tmp_path, station)
         assert (judgement.verdict, judgement.explanation.keys) == ('explained', (('frequency_modulation', station),))
 
 
+def test_what_adds_the_same_as_an_effect_is_known(tmp_path):
+    """An error of the reference's zero moves all ranges as a delay does; a loss moves none."""
+    search = Search(compared(tmp_path / 'r', 62, Applied('delay_offset', None, {'delay': 1.857})))
+    effect = search.fit([beginning('reference_offset', '', {'offset': -0.557})]).effects[0]
+    alike = search.alike(effect)
+    assert {('delay_offset', ''), ('reference_offset', '')} <= alike
+    assert ('amplitude_loss', '') not in alike
+
+
 def test_twins_promise_the_same(tmp_path):
     """A delay and an error of the reference add the same to every range, whatever else is set aside there."""
     search = Search(compared(tmp_path / 'r', 21))

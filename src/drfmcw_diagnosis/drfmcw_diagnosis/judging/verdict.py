@@ -150,9 +150,11 @@ def established(search: Search, found: Fitted, false_alarm_rate: float) -> Fitte
             break
         current = more
     current = _standing(search, current)
-    # what was in doubt at one station may be a rival of the same at the other one
+    # what was in doubt at one station may be a rival of the same at the other one, and of what adds the same
     stands = {effect for effect, _ in current.keys} if current is not None else set()
     search.doubted |= {(effect, station) for effect, station in dropped if effect not in stands}
+    for effect in current.effects if current is not None else ():
+        search.doubted -= search.alike(effect)
     return current
 
 

@@ -138,11 +138,15 @@ class Promising(Fitting):
 
     def give_up(self, effect: FittedEffect) -> None:
         """Do not try an effect again, nor others that add the same."""
+        self.doubted |= {effect.key} | self.alike(effect)
+
+    def alike(self, effect: FittedEffect) -> set[tuple[str, str]]:
+        """Return which effects of the bank add the same as one does."""
         own = self.whitening.weight * self._template([effect.build()])
         along = self.templates @ (self.whitening.weight * own).astype(np.float32)
         length = np.linalg.norm(self.templates * self.whitening.weight.astype(np.float32), axis=1)
         alike = np.abs(along) > SEARCH.same_shape * np.maximum(length * float(np.linalg.norm(own)), SEARCH.nothing)
-        self.doubted |= {effect.key} | {self.bank[i].key for i in np.flatnonzero(alike)}
+        return {self.bank[i].key for i in np.flatnonzero(alike)}
 
     def _unit(self, candidate: Candidate, values: dict | None = None) -> np.ndarray:
         """Return the template of a candidate; templates are kept."""
