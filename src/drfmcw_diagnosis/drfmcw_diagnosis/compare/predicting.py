@@ -313,7 +313,8 @@ class Predictor:
         """Return of noisy sweeps the noise in bands [dB of 1 LSB^2 per sample], harmonics, and samples piled up."""
         features = self.simulated.distorted(part, effects)
         counts = np.full(len(self.recorded.heard), SIMULATION.distorted)
-        noise = self.recorded.bands.measured(features.power, features.line, counts)
+        pairs = zip(features.power, features.line, strict=True)
+        noise = np.array([self.recorded.bands.measured(*pair, counts) for pair in pairs])
         return noise, features.harmonic, features.piled
 
     def uneven(self, effects: tuple[Effect, ...]) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Noise in bands of equal width beside the lines: what a spectrum shows of it, and what further lines make of that."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -28,26 +28,18 @@ class NoiseBands:
         return near_line(bins, line, self._rate / 2 / (bins - 1), self._rate)
 
     def measured(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Return the noise in bands (..., S, N) [dB of 1 LSB^2 per sample], NaN where a line fills the band.
+        """Return the noise in bands (S, N) [dB of 1 LSB^2 per sample], NaN where a line fills the band.
 
         Args:
-            power: mean spectra (..., S, B) [LSB^2].
-            line: of each station (..., S) [Hz].
-            count: of the sweeps in each mean (..., S).
+            power: mean spectra (S, B) [LSB^2].
+            line: of each station (S,) [Hz].
+            count: of the sweeps in each mean (S,).
         """
-        edges = edges_of(power.shape[-1])
-        within = np.arange(np.diff(edges).max())
-        places = np.minimum(edges[:-1, None] + within, power.shape[-1] - 1)
-        hidden = self.at_line(line, power.shape[-1])[..., places] | (within >= np.diff(edges)[:, None])
-        bins = np.count_nonzero(~hidden, axis=-1)
-        ordered = np.sort(np.where(hidden, np.inf, power[..., places]), axis=-1)
-        enough = bins >= SPECTRUM.fewest_bins
-        lower, upper = (
-            np.take_along_axis(ordered, np.where(enough, half, 0)[..., None], axis=-1)[..., 0]
-            for half in ((bins - 1) // 2, bins // 2)
-        )
-        median = 0.5 * (lower + upper) / median_of_mean(count)[..., None]
-        return np.where(enough, 10.0 * np.log10(median / self._window_power[:, None]), np.nan)
+        noise = np.full((len(power), SPECTRUM.bands), np.nan)
+        for station, band, inside in self._each(power, line):
+            median = np.median(inside) / median_of_mean(count[station])
+            noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
+        return noise
 
     def std(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Return the standard deviation of the noise in bands (S, N) [dB], infinite where a line fills the band.
@@ -59,15 +51,21 @@ class NoiseBands:
             line: of each station (S,) [Hz].
             count: of the sweeps in each mean (S,).
         """
+        std = np.full((len(power), SPECTRUM.bands), np.inf)
+        for station, band, inside in self._each(power, line):
+            std[station, band] = 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
+        return std
+
+    def _each(self, power: np.ndarray, line: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Yield station, band, and the power in the band's bins beside the line, of bands with enough of them."""
         bins = power.shape[-1]
-        masked, edges = self.at_line(line, bins), edges_of(bins)
-        found = np.full((len(power), SPECTRUM.bands), np.inf)
-        for station, band in np.ndindex(found.shape):
+        masked = self.at_line(line, bins)
+        edges = edges_of(bins)
+        for station, band in np.ndindex(len(power), SPECTRUM.bands):
             own = slice(edges[band], edges[band + 1])
             inside = power[station, own][~masked[station, own]]
             if len(inside) >= SPECTRUM.fewest_bins:
-                found[station, band] = 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
-        return found
+                yield station, band, inside
 
     def with_power(self, quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
         """Return noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample] with smooth power added.

@@ -44,7 +44,7 @@ def odds_of_one_size(fitting: Fitting, fitted: Fitted) -> list[float]:
     Infinity for effects without a phase of their own in each sweep, and where sweeps are too few to scatter.
     """
     found = [np.inf] * len(fitted.effects)
-    built, random = _of_random_phase(fitted)
+    built, random = _of_random_phase(fitting, fitted)
     sums = np.zeros(len(random))
     for changes, waves in _sweeps(fitting.comparison, built, random):
         inverse = np.linalg.pinv(waves @ waves.T, hermitian=True)
@@ -55,24 +55,25 @@ def odds_of_one_size(fitting: Fitting, fitted: Fitted) -> list[float]:
             own = slice(2 * number, 2 * number + 2)
             sums[number] += _log_odds(sizes[:, number], inverse[own, own] + known).sum()
     for number, index in enumerate(random):
-        found[index] = float(sums[number]) if fitting.comparison.recorded.scatters else np.inf
+        found[index] = float(sums[number])
     return found
 
 
 def gains_over_other_station(fitting: Fitting, fitted: Fitted) -> list[float]:
     """Return by how much more of the sweeps each effect explains than it would at the other station: squared sigma.
 
-    0 for effects without a phase of their own in each sweep, where no other station is, or it has the same effect.
+    0 for effects without a phase of their own in each sweep, where no other station is, where it has the same effect,
+    and where sweeps are too few to scatter.
     """
     found = [0.0] * len(fitted.effects)
-    built, random = _of_random_phase(fitted)
-    for index in random:
-        effect, station = fitted.effects[index], other_station(fitting, fitted.effects[index].key[1])
-        if station and (effect.key[0], station) not in fitted.keys:
+    built, random = _of_random_phase(fitting, fitted)
+    elsewhere = {i: other_station(fitting, fitted.effects[i].key[1]) for i in random}
+    here = _explained(fitting.comparison, built, random)
+    for index, station in elsewhere.items():
+        if station and (fitted.effects[index].key[0], station) not in fitted.keys:
             moved = [*built]
             moved[index] = dataclasses.replace(built[index], station=station)
-            here, there = (_explained(fitting.comparison, effects, random) for effects in (built, moved))
-            found[index] = here - there
+            found[index] = here - _explained(fitting.comparison, moved, random)
     return found
 
 
@@ -82,10 +83,11 @@ def other_station(fitting: Fitting, station: str) -> str:
     return others[0] if len(others) == 1 else ''
 
 
-def _of_random_phase(fitted: Fitted) -> tuple[list[Effect], list[int]]:
-    """Return all effects, and the numbers of those with a phase of their own in each sweep."""
+def _of_random_phase(fitting: Fitting, fitted: Fitted) -> tuple[list[Effect], list[int]]:
+    """Return all effects, and the numbers of those with a phase of their own in each sweep: none of too few sweeps."""
     built = [e.build() for e in fitted.effects]
-    return built, [i for i, effect in enumerate(built) if effect.fluctuates]
+    scatters = fitting.comparison.recorded.scatters
+    return built, [i for i, effect in enumerate(built) if effect.fluctuates and scatters]
 
 
 def _explained(comparison: Comparison, effects: Sequence[Effect], random: Sequence[int]) -> float:
@@ -102,9 +104,9 @@ def _sweeps(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield whitened terms of each group's sweeps less their mean (n, V), and what random phases add (2 R, V).
 
-    Of all channels and sweeps without bursts; cosine and sine of each effect. Nothing of too few sweeps to scatter.
+    Of all channels and sweeps without bursts; cosine and sine of each effect. Nothing without such an effect.
     """
-    if not (random and comparison.recorded.scatters):
+    if not random:
         return
     waves = comparison.quadratures(effects)[..., SCATTER.steady :]
     for g, (sweeps, calm) in enumerate(zip(comparison.sweeps, comparison.recorded.calm, strict=True)):
