@@ -27,8 +27,8 @@ from ..search.whitening import Whitening
 class CurveLimits:
     """When a curve or a step is taken for the cause."""
 
-    degrees: tuple[int, ...] = (2, 3)
-    """Degrees of the freer curve, which a constant and a slope do not follow; chosen."""
+    degrees: tuple[int, ...] = (0, 2, 3)
+    """Degrees of the freer curve beside a slope; chosen: of a rail that bends, no constant need be known."""
 
     cubic: tuple[int, ...] = (0, 1, 2, 3)
     """Degrees of a curve that is set aside, or that follows an effect of one condition; chosen."""
