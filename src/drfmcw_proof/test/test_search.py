@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.compare.steadiness import LIMITS as STEADINESS
+from drfmcw_diagnosis.compare.steadiness import gains_over_other_station, odds_of_one_size
 from drfmcw_diagnosis.features.limits import SPECTRUM
 from drfmcw_diagnosis.judging.rivals import rivals, widened
-from drfmcw_diagnosis.judging.steadiness import gains_over_other_station
 from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
@@ -403,7 +404,9 @@ def test_steep_noise_near_the_line_is_no_modulation(tmp_path, shape, effects, ve
     write_recording(conceal(nominal(condition), effects), tmp_path / 'r')
     others = set(Effect.registry) - {'frequency_modulation', 'phase_noise'}
     search = Search(Comparison(read_dataset(tmp_path / 'r')), without=others)
-    judgement = judged(search, searched(search, 0.01), 0.01)
+    found = searched(search, 0.01)
+    assert (found.explanation is not None) == bool(effects)  # noise is not even taken up
+    judgement = judged(search, found, 0.01)
     assert judgement.verdict == verdict
     assert {e.key[0] for e in (judgement.explanation.effects if judgement.explanation else ())} == named
 
@@ -417,10 +420,20 @@ def test_of_which_station_a_modulation_is_shows_in_each_sweep(tmp_path, station)
     both = [search.fit([beginning('frequency_modulation', own, hum)]) for own in comparison.data.stations]
     assert abs(both[0].misfit - both[1].misfit) < SEARCH.rival
     for fitted in both:
-        (gain,) = gains_over_other_station(search, fitted)
+        (gain,) = gains_over_other_station(comparison, fitted.build())
         assert gain > SEARCH.rival if fitted.keys[0][1] == station else gain < -SEARCH.rival
         judgement = judged(search, Found(fitted, 0.0, [], both), 0.01)
         assert (judgement.verdict, judgement.explanation.keys) == ('explained', (('frequency_modulation', station),))
+
+
+def test_a_modulation_has_one_size_even_if_another_one_was_fitted(tmp_path):
+    """While other effects are missing, its fitted size may be wrong; it scatters from sweep to sweep all the same."""
+    hum = {'deviation': 400.0, 'rate': 12e3}
+    comparison = compared(tmp_path / 'r', 62, Applied('frequency_modulation', 'slave', hum))
+    for factor in (0.6, 1.0, 1.6):
+        fitted = Effect.registry['frequency_modulation'](400.0 * factor, 12e3, station='slave')
+        (odds,), (odds_of_any,) = (odds_of_one_size(comparison, [fitted], x) for x in ((1.0,), STEADINESS.any_size))
+        assert odds_of_any > 0.0 and (odds > 0.0) == (factor == 1.0)
 
 
 def test_what_adds_the_same_as_an_effect_is_known(tmp_path):

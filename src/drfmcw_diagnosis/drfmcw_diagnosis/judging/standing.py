@@ -27,7 +27,7 @@ What shows over the sweep alone is in doubt where an event at one time of the sw
 a second path where one of a reflector that stands still or is there along a part of the track does, see `paths`. What
 is left beside an effect is what is left beside the events that are set aside as well.
 
-What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `steadiness`.
+What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `compare.steadiness`.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
 decibels: whatever changes a receiver's gain changes both; and where a third of it repeats in each sweep, as what an
@@ -45,6 +45,8 @@ from drfmcw_sim.effects import ActsOn, Motion
 
 from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
+from ..compare.steadiness import LIMITS as STEADINESS
+from ..compare.steadiness import odds_of_one_size
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
 from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
@@ -63,8 +65,6 @@ from .receivers import (
     unexplained_course,
     unexplained_signal,
 )
-from .steadiness import LIMITS as STEADINESS
-from .steadiness import odds_of_one_size
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,7 +205,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     converters = of_uneven_converters(fitting, significant, as_measured(fitted.template))
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
-    beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting, fitted)
+    beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting.comparison, fitted.build())
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
     paths, periodic = beyond_paths(fitting, fitted), harmonics(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from ..compare import steadiness
 from ..search import events
 from ..search.bent_ramps import unified
 from ..search.fitted import Fitted
@@ -13,7 +14,7 @@ from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SEARCH, SELECTION
 from ..search.search import Search
 from ..search.selection import Found, better_bent, forward, pruned, united_with
-from . import curves, paths, standing, steadiness
+from . import curves, paths, standing
 from .receivers import harmonics
 from .rivals import rivals, widened
 from .standing import standings
@@ -113,11 +114,11 @@ def _fewest_kinds_first(
 
 def _at_their_stations(search: Search, fitted: Fitted, alternatives: list[Fitted]) -> tuple[Fitted, list[Fitted]]:
     """Return explanations without those whose modulations the sweeps one by one show to be the other station's."""
-    for number, gain in enumerate(steadiness.gains_over_other_station(search, fitted)):
+    for number, gain in enumerate(steadiness.gains_over_other_station(search.comparison, fitted.build())):
         if abs(gain) < SEARCH.rival:
             continue
         effect = fitted.effects[number]
-        own, other = effect.key, (effect.key[0], steadiness.other_station(search, effect.key[1]))
+        own, other = effect.key, (effect.key[0], steadiness.other_station(search.comparison, effect.key[1]))
         if gain < 0.0:
             moved = dataclasses.replace(effect.candidate, station=other[1]), effect.values
             fitted = search.fit([*fitted.start[:number], moved, *fitted.start[number + 1 :]])
@@ -262,7 +263,8 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     if not left:
         as_event = min(events.beyond_events(search, fitted)) < events.LIMITS.beaten
         as_step = min(curves.beyond_steps(search, fitted)) < curves.LIMITS.beaten
-        as_noise = any(odds < steadiness.LIMITS.unlikely for odds in steadiness.odds_of_one_size(search, fitted))
+        odds = steadiness.odds_of_one_size(search.comparison, fitted.build())
+        as_noise = min(odds) < steadiness.LIMITS.unlikely
         as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
         as_path = min(paths.beyond_paths(search, fitted)) < paths.LIMITS.beaten
         as_period = any(harmonics(search, fitted))

@@ -80,6 +80,7 @@ class Fitting(Templates):
         linearised: Linearised | None = None,
         near: Fitted | None = None,
         exact: bool = False,
+        rounds: int = FIT.rounds,
     ) -> Fitted:
         """Fit the parameters of effects together.
 
@@ -94,6 +95,7 @@ class Fitting(Templates):
                 their slopes, see `slopes`, for those beside the others.
             exact: the fit goes on to the end, and the result's template is that of the full model, to which a
                 linearised one must be near.
+            rounds: at most, in which a distortion is computed anew on the other effects as they were fitted.
         """
         if linearised is not None and self._is_near(start, linearised):
             fitted = self._fit(start, steps, beside, freedom, None, linearised, near, exact)
@@ -104,7 +106,7 @@ class Fitting(Templates):
                 template = beside + self._template([e.build() for e in fitted.effects])
                 if self._is_settled(fitted, template):
                     return self._with_template(fitted, template, freedom)
-        for _ in range(FIT.rounds):
+        for _ in range(rounds):
             around = _undistorted([c.build(values) for c, values in start])
             fitted = self._fit(start, steps, beside, freedom, around, near=near, exact=exact)
             if around is None:
@@ -312,8 +314,8 @@ class Fitting(Templates):
     def _moved_together(self, chosen: Sequence[Candidate], names: Sequence[tuple[int, str]]) -> list[list[int]]:
         """Return which parameters one simulation moves: those of single groups all at once, the others one by one."""
         alone = [[k] for k, (i, _) in enumerate(names) if not chosen[i].recipe.per_group]
-        grouped = [[k for k, (i, _) in enumerate(names) if i == j] for j, c in enumerate(chosen) if c.recipe.per_group]
-        return alone + grouped
+        of_groups = (j for j, c in enumerate(chosen) if c.recipe.per_group and c.free)
+        return alone + [[k for k, (i, _) in enumerate(names) if i == j] for j in of_groups]
 
     def _whitening_of(self, chosen: Sequence[Candidate], template: np.ndarray) -> Whitening:
         """Return the whitening of a fit: bursts that a group holds by chance do not drive it.

@@ -99,8 +99,14 @@ class SearchLimits:
     first_steps: int = 2
     """Of refinement, after which one starting point of a kind is chosen; chosen."""
 
+    begun_far_behind: float = 0.05
+    """The same of an effect without a size, whose gain where refinement begins says less; chosen."""
+
     joint_steps: int = 3
     """Of refinement together with the present effects, after which only what fits nearly best is refined; chosen."""
+
+    joint_rounds: int = 2
+    """Rounds of this refinement, see `FitLimits.rounds`; chosen."""
 
     plenty: float = 1e3
     """Gain [1] beyond which an effect is not tried to be left out; chosen."""

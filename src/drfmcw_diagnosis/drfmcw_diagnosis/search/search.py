@@ -8,6 +8,8 @@ import numpy as np
 from scipy import stats
 
 from ..compare.predicting import displaces
+from ..compare.steadiness import LIMITS as STEADINESS
+from ..compare.steadiness import odds_of_one_size
 from .fitted import Fitted, FittedEffect, Freedom, cells_of
 from .limits import SEARCH
 from .promising import Promising
@@ -55,7 +57,9 @@ class Search(Promising):
         return float(overlap @ overlap) / max(float(template @ template), 1e-30) + by_rounding
 
     def credible(self, fitted: Fitted, beside: np.ndarray | float) -> bool:
-        """Return whether an explanation's last effect is certain, differs from the others, and is no mere power drift.
+        """Return whether an explanation's last effect is certain, and no other one, drift of the power or noise.
+
+        A drift of the power resembles a second path; noise resembles a modulation, whose size may still be wrong.
 
         Args:
             fitted: the explanation.
@@ -64,6 +68,9 @@ class Search(Promising):
         *others, last = fitted.effects
         if not fitted.certain or not self._is_other(last.candidate, last.values, others):
             return False
+        if last.candidate.kind.fluctuates:
+            odds = odds_of_one_size(self.comparison, fitted.build(), STEADINESS.any_size)
+            return odds[-1] > STEADINESS.unlikely
         if not last.candidate.recipe.fringes:
             return True
         elsewhere = ~self.comparison.entries.where(kind='amplitude')
@@ -79,8 +86,9 @@ class Search(Promising):
         may hide the right one.
         """
         for number, effect in enumerate(fitted.effects):
-            if effect.candidate.recipe.lookalikes:
-                fitted = self._relocated(fitted, number)
+            if not effect.candidate.recipe.lookalikes:
+                continue
+            fitted = self._relocated(fitted, number)
             if effect.candidate.recipe.fringes:
                 others = (self._relocated(other, number) for other in self._standing_elsewhere(fitted))
                 better = min(others, key=lambda f: f.misfit, default=fitted)
@@ -208,27 +216,31 @@ class Search(Promising):
                 begun.append((gain, candidate, values))
         kinds = sorted(chosen.values(), key=lambda begun: -begun[0][0])[: SEARCH.tried]
         base = current.start if current else []
+        held = [(dataclasses.replace(candidate, held=True), values) for candidate, values in base]
 
         def begun_at(points: list[tuple[float, Candidate, dict[str, float]]]) -> Fitted:
             first = points[0][1]
-            # a distortion takes long to simulate; one linear starting point gains what it promises
-            linear = len(points) == 1 and first.recipe.size and first.recipe.order == 1
-            steps = SEARCH.first_steps if first.recipe.size else SEARCH.steps_to_size
-            steps = 0 if linear or first.acts else steps
-            # what acts on all others, noise too, is no sum with them
-            others, added = (base, 0.0) if first.acts else ([], beside)
+            # what acts on all others, noise too, is no sum with them; either way they follow to first order
+            others, added = (held, 0.0) if first.acts else ([], beside)
 
             def fits(starts: Sequence[tuple[Candidate, dict[str, float]]], steps: int) -> list[Fitted]:
                 at = [self.fit([*others, start], steps, added, freedom) for start in starts]
                 return sorted(at, key=lambda f: f.misfit)
 
             starts = [(candidate, values) for _, candidate, values in points]
-            if first.recipe.size and steps and len(starts) > SEARCH.foremost:
+            if first.acts:  # it takes long to simulate: only the best start is refined
+                return fits([fits(starts, 0)[0].start[-1]], SEARCH.steps_to_size)[0]
+            if not first.recipe.size:
+                return fits(starts, SEARCH.steps_to_size)[0]
+            if len(starts) == 1 and first.recipe.order == 1:
+                return fits(starts, 0)[0]  # one linear start gains what it promises
+            if len(starts) > SEARCH.foremost:
                 starts = [f.start[-1] for f in fits(starts, 0)[: SEARCH.foremost]]
-            return fits(starts, steps)[0]
+            return fits(starts, SEARCH.first_steps)[0]
 
         def refined(begun: Fitted) -> Fitted:
-            return self.fit([*base, begun.start[-1]], SEARCH.joint_steps, linearised=linearised, near=current)
+            start = [*base, begun.start[-1]]
+            return self.fit(start, SEARCH.joint_steps, linearised=linearised, near=current, rounds=SEARCH.joint_rounds)
 
         def finished(begun: Fitted) -> Fitted:
             return self.fit(begun.start, linearised=linearised)
@@ -237,8 +249,8 @@ class Search(Promising):
         enough = self.misfit(beside) - SEARCH.least
         starts = sorted((s for s in self.workers.map(begun_at, kinds) if s.misfit < enough), key=lambda f: f.misfit)
         if starts:
-            most = self.misfit(beside) - SEARCH.begun_behind * (self.misfit(beside) - starts[0].misfit)
-            starts = [s for s in starts if s.misfit < most or not s.effects[-1].candidate.recipe.size]
+            before, best_gain = self.misfit(beside), self.misfit(beside) - starts[0].misfit
+            starts = [s for s in starts if before - s.misfit > _least_share(s.effects[-1].candidate) * best_gain]
         self.report('refinement', 0.6)
         begun = self.workers.map(refined, starts[: SEARCH.refined])
         best = min((f.misfit for f in begun), default=0.0)
@@ -375,6 +387,11 @@ class Search(Promising):
                 there.append((template, values))
                 found.append((candidate, values))
         return found
+
+
+def _least_share(candidate: Candidate) -> float:
+    """Return the share of the largest gain where refinement begins that an effect must have there to be refined."""
+    return SEARCH.begun_behind if candidate.recipe.size or candidate.acts else SEARCH.begun_far_behind
 
 
 def _is_elsewhere(candidate: Candidate, one: Mapping[str, float], other: Mapping[str, float]) -> bool:

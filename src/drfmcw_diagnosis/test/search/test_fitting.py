@@ -1,5 +1,6 @@
 """Fits of explanations: their course must not depend on which process did a part of the work."""
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -34,6 +35,19 @@ def test_a_start_from_another_process_is_fitted_alike():
     assert here.linearised is not None and there.linearised is not None
     assert there.misfit == pytest.approx(here.misfit, rel=1e-12)
     assert [e.values for e in there.effects] == [e.values for e in here.effects]
+
+
+def test_what_is_held_stays_as_it_is_while_others_are_fitted():
+    """Also sizes of single groups; a distortion is fitted to the very lines that all effects together make."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    speeds = {f'velocity[{g}]': 0.002 * g for g in range(len(comparison.members))}
+    held, _ = start('target_motion', '', **speeds)
+    others = [(dataclasses.replace(held, held=True), speeds)]
+    true = [held.build(speeds), Effect.registry['clipping'](level=-28.0, station='master')]
+    comparison.residual = comparison.template(true)
+    found = Fitting(comparison).fit([*others, start('clipping', 'master', level=-28.2)])
+    assert found.effects[0].values == speeds and not found.effects[0].stds
+    assert found.effects[1].values['level'] == pytest.approx(-28.0, abs=0.01)
 
 
 @pytest.mark.parametrize('settled', [True, False])

@@ -27,6 +27,7 @@ class Candidate:
     station: str  # '' for what has none, or for both
     recipe: Recipe
     values: dict[str, float]
+    held: bool = False  # its parameters stay as they are
 
     @property
     def key(self) -> tuple[str, str]:
@@ -36,6 +37,8 @@ class Candidate:
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that are fitted."""
+        if self.held:
+            return ()
         return tuple(self.values if self.recipe.per_group or self.recipe.coefficients else self.recipe.prior)
 
     @property

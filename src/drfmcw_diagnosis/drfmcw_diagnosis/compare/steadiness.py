@@ -1,12 +1,13 @@
 """Whether what changes from sweep to sweep is a modulation of one size, or noise, and which station's it is.
 
-In: an explanation with effects of random phase, and the sweeps. Out: the odds of each such effect. A modulation has one
+In: effects, some of random phase, and the sweeps. Out: the odds of each such effect. A modulation has one
 size in all sweeps, noise of the same power has one that scatters. The noise near a line is often steeper than any
 oscillator's model: its power in a few terms of the ramp alone would pass for a slow modulation. Both lines hold a
 modulation, the other station's one path delay later: its power hardly shows that, its phase in each sweep does.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -14,11 +15,9 @@ from scipy import special
 
 from drfmcw_sim.effects import Effect
 
-from ..compare.comparison import Comparison
-from ..compare.limits import SCATTER
 from ..features.extractor import ramp_spectrum
-from ..search.fitted import Fitted
-from ..search.fitting import Fitting
+from .comparison import Comparison
+from .limits import SCATTER
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,60 +33,71 @@ class SteadinessLimits:
     unlikely: float = -3.0
     """Log odds below which a modulation is in doubt: 20 to 1; chosen."""
 
+    any_size: tuple[float, ...] = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
+    """Over the size that was fitted, sizes that it may have while other effects are missing [1]; chosen."""
+
 
 LIMITS = SteadinessLimits()
 
 
-def odds_of_one_size(fitting: Fitting, fitted: Fitted) -> list[float]:
+def odds_of_one_size(comparison: Comparison, effects: Sequence[Effect], sizes: Sequence[float] = (1.0,)) -> list[float]:
     """Return by how much more probable one size is than noise of the same power, of each effect: log likelihoods.
 
     Infinity for effects without a phase of their own in each sweep, and where sweeps are too few to scatter.
+
+    Args:
+        comparison: of the recording.
+        effects: that act together.
+        sizes: over that of the effects [1]; the likeliest one counts, of either.
     """
-    found = [np.inf] * len(fitted.effects)
-    built, random = _of_random_phase(fitting, fitted)
-    sums = np.zeros(len(random))
-    for changes, waves in _sweeps(fitting.comparison, built, random):
+    found = [np.inf] * len(effects)
+    random = _of_random_phase(comparison, effects)
+    sums = np.zeros((len(random), len(sizes), 2))
+    for changes, waves in _sweeps(comparison, effects, random):
         inverse = np.linalg.pinv(waves @ waves.T, hermitian=True)
-        sizes = (changes @ waves.T @ inverse).reshape(len(changes), len(random), 2)
+        phasors = (changes @ waves.T @ inverse).reshape(len(changes), len(random), 2)
         # with the mean of the sweeps goes that of their phasors
         known = (LIMITS.size**2 + 0.5 / len(changes)) * np.eye(2)
-        for number in range(len(random)):
+        for number, (index, size) in itertools.product(range(len(random)), enumerate(sizes)):
             own = slice(2 * number, 2 * number + 2)
-            sums[number] += _log_odds(sizes[:, number], inverse[own, own] + known).sum()
+            # over the size, as errors are
+            each = _log_likelihoods(phasors[:, number] / size, inverse[own, own] / size**2 + known)
+            sums[number, index] += [x.sum() - 2.0 * len(x) * np.log(size) for x in each]
     for number, index in enumerate(random):
-        found[index] = float(sums[number])
+        steady, noise = sums[number].max(axis=0)
+        found[index] = float(steady - noise)
     return found
 
 
-def gains_over_other_station(fitting: Fitting, fitted: Fitted) -> list[float]:
+def gains_over_other_station(comparison: Comparison, effects: Sequence[Effect]) -> list[float]:
     """Return by how much more of the sweeps each effect explains than it would at the other station: squared sigma.
 
     0 for effects without a phase of their own in each sweep, where no other station is, where it has the same effect,
     and where sweeps are too few to scatter.
     """
-    found = [0.0] * len(fitted.effects)
-    built, random = _of_random_phase(fitting, fitted)
-    elsewhere = {i: other_station(fitting, fitted.effects[i].key[1]) for i in random}
-    here = _explained(fitting.comparison, built, random)
-    for index, station in elsewhere.items():
-        if station and (fitted.effects[index].key[0], station) not in fitted.keys:
-            moved = [*built]
-            moved[index] = dataclasses.replace(built[index], station=station)
-            found[index] = here - _explained(fitting.comparison, moved, random)
+    found = [0.0] * len(effects)
+    random = _of_random_phase(comparison, effects)
+    here = _explained(comparison, effects, random)
+    for index in random:
+        station = other_station(comparison, effects[index].station)
+        if not station:
+            continue
+        elsewhere = dataclasses.replace(effects[index], station=station)
+        if not any(type(e) is type(elsewhere) and e.station == station for e in effects):
+            moved = [*effects[:index], elsewhere, *effects[index + 1 :]]
+            found[index] = here - _explained(comparison, moved, random)
     return found
 
 
-def other_station(fitting: Fitting, station: str) -> str:
+def other_station(comparison: Comparison, station: str) -> str:
     """Return the other one of two stations, '' where there is none."""
-    others = [name for name in fitting.comparison.data.stations if name != station]
+    others = [name for name in comparison.data.stations if name != station]
     return others[0] if len(others) == 1 else ''
 
 
-def _of_random_phase(fitting: Fitting, fitted: Fitted) -> tuple[list[Effect], list[int]]:
-    """Return all effects, and the numbers of those with a phase of their own in each sweep: none of too few sweeps."""
-    built = [e.build() for e in fitted.effects]
-    scatters = fitting.comparison.recorded.scatters
-    return built, [i for i, effect in enumerate(built) if effect.fluctuates and scatters]
+def _of_random_phase(comparison: Comparison, effects: Sequence[Effect]) -> list[int]:
+    """Return the numbers of effects with a phase of their own in each sweep: none where sweeps are too few."""
+    return [i for i, e in enumerate(effects) if e.fluctuates and comparison.recorded.scatters]
 
 
 def _explained(comparison: Comparison, effects: Sequence[Effect], random: Sequence[int]) -> float:
@@ -116,18 +126,18 @@ def _sweeps(
         yield changes, (waves[:, :, g] / std).reshape(2 * len(random), -1)
 
 
-def _log_odds(sizes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return log likelihoods of a phasor of length 1 and any phase, less those of noise of the same power (n,).
+def _log_likelihoods(phasors: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return log likelihoods of a phasor of length 1 and any phase, and of noise of the same power (n,) each.
 
     Args:
-        sizes: measured cosine and sine (n, 2).
+        phasors: measured cosine and sine (n, 2).
         covariance: of their errors (2, 2).
     """
     phase = 2.0 * np.pi * np.arange(LIMITS.phases) / LIMITS.phases
-    phasors = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    each = _log_normal(sizes[:, None] - phasors, covariance)
+    one = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    each = _log_normal(phasors[:, None] - one, covariance)
     steady: np.ndarray = special.logsumexp(each, axis=1) - np.log(LIMITS.phases)
-    return steady - _log_normal(sizes, covariance + 0.5 * np.eye(2))
+    return steady, _log_normal(phasors, covariance + 0.5 * np.eye(2))
 
 
 def _log_normal(values: np.ndarray, covariance: np.ndarray) -> np.ndarray:
