@@ -25,12 +25,10 @@ from drfmcw_proof.generator.model import nominal
 from drfmcw_proof.generator.recordings import write_recording
 from drfmcw_sim.effects import Effect
 
-EXTENT = Extent(settings=7, sweeps=12)
 
-
-def recorded(path, seed, *effects):
-    """A recording of 7 distances x 12 sweeps that conceals effects."""
-    condition = random_condition(np.random.default_rng(seed), EXTENT)
+def recorded(path, seed, *effects, settings=5):
+    """A recording of 12 sweeps at each of some distances that conceals effects."""
+    condition = random_condition(np.random.default_rng(seed), Extent(settings, 12))
     write_recording(conceal(nominal(condition), effects), path)
     return path
 
@@ -270,7 +268,7 @@ def test_a_concealed_ripple_is_named_sized_and_verified(tmp_path):
 @pytest.mark.slow
 def test_a_high_pass_shows_where_lines_begin(tmp_path):
     """Its transients have a random phase from sweep to sweep: only at the line's phase they add up."""
-    path = recorded(tmp_path / 'r', 31, Applied('ac_coupling', 'slave', {'pole': 6e3}))
+    path = recorded(tmp_path / 'r', 31, Applied('ac_coupling', 'slave', {'pole': 6e3}), settings=7)
     finding = diagnose(path)
     assert finding.verdict == 'explained'
     (found,) = finding.explanation.effects
