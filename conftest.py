@@ -56,21 +56,6 @@ def unchanged_signals():
     assert _inherited() == before
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread the files that start processes, and mostly wait, evenly over those that compute.
-
-    Workers take files in this order. Those that wait would otherwise come together, and processors would be idle. The
-    longest, of proof and diagnosis, come early in the reverse order: none of them is left to one worker in the end.
-    """
-    files: dict[Path, list[pytest.Item]] = {}
-    for item in items:
-        files.setdefault(item.path, []).append(item)
-    waiting = [f for f, own in files.items() if any(item.get_closest_marker('graph') for item in own)]
-    computing = [f for f in reversed(files) if f not in waiting]
-    place = {f: (i + 0.5) / len(group) for group in (waiting, computing) for i, f in enumerate(group)}
-    items[:] = [item for f in sorted(files, key=place.__getitem__) for item in files[f]]
-
-
 @pytest.fixture(autouse=True, scope='module')
 def closed_context():
     """Leave no initialised ROS context to the next module: the default one can be initialised once."""

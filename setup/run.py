@@ -31,8 +31,7 @@ def execute(root, module, arguments):
             # All tests: each file in one process, so that its tests share what they set up. Those of graphs mostly
             # wait, so there is a worker more for every two cores.
             cores = os.cpu_count() or 1
-            workers = min(cores + (cores + 1) // 2, _MOST_WORKERS)
-            arguments = ["-n", str(workers), "--dist", "loadfile", "--no-loadscope-reorder"]  # conftest.py has an order
+            arguments = ["-n", str(min(cores + (cores + 1) // 2, _MOST_WORKERS)), "--dist", "loadfile"]
         # Without a path pytest looks for pyproject.toml in the current directory.
         arguments = ["--rootdir", root, "-c", os.path.join(root, "pyproject.toml")] + arguments
         os.chdir(root)

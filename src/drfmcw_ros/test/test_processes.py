@@ -1,5 +1,6 @@
 """Worker processes: the same results as here, a death and an error reported, and nothing left behind."""
 
+import copyreg
 import functools
 import os
 import signal
@@ -9,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from pieces_of_work import count_up, fail, note_each, power_of_two, process_and_niceness, sleep_long
+from pieces_of_work import Untransferable, count_up, fail, note_each, power_of_two, process_and_niceness, sleep_long
 
 from drfmcw_ros.work.processes import Background, Worker, Workers, WorkFailed, unordered
 
@@ -103,7 +104,9 @@ def test_worker_works_on_one_argument_after_another(start):
         ('untransferable', WorkFailed, 'Untransferable: two parts'),
     ],
 )
-def test_worker_reports_how_it_failed(reason, error, said, ahead):
+def test_worker_reports_how_it_failed(reason, error, said, ahead, monkeypatch):
+    # a library that a test before this one imported (tblib, by Dask) may have taught pickle all errors known then
+    monkeypatch.delitem(copyreg.dispatch_table, Untransferable, raising=False)
     with Worker(fail, start='fork', ahead=ahead) as worker:
         worker.give(reason)
         with pytest.raises(error, match=said):
