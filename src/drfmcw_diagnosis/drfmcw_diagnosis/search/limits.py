@@ -87,6 +87,9 @@ class SearchLimits:
     begun_behind: float = 0.6
     """Of the largest gain where refinement begins, the least share that is refined; chosen."""
 
+    begun_far_behind: float = 0.05
+    """The same of an effect without a size, whose gain where refinement begins says less; chosen."""
+
     starts: int = 6
     """Starting points of each kind; chosen."""
 
@@ -98,9 +101,6 @@ class SearchLimits:
 
     first_steps: int = 2
     """Of refinement, after which one starting point of a kind is chosen; chosen."""
-
-    begun_far_behind: float = 0.05
-    """The same of an effect without a size, whose gain where refinement begins says less; chosen."""
 
     joint_steps: int = 3
     """Of refinement together with the present effects, after which only what fits nearly best is refined; chosen."""

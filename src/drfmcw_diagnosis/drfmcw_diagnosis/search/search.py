@@ -246,15 +246,16 @@ class Search(Promising):
             return self.fit(begun.start, linearised=linearised)
 
         self.report('effects that promise something', 0.3)
-        enough = self.misfit(beside) - SEARCH.least
-        starts = sorted((s for s in self.workers.map(begun_at, kinds) if s.misfit < enough), key=lambda f: f.misfit)
+        before = self.misfit(beside)
+        gaining = [f for f in self.workers.map(begun_at, kinds) if f.misfit < before - SEARCH.least]
+        starts = sorted(gaining, key=lambda f: f.misfit)
         if starts:
-            before, best_gain = self.misfit(beside), self.misfit(beside) - starts[0].misfit
+            best_gain = before - starts[0].misfit
             starts = [s for s in starts if before - s.misfit > _least_share(s.effects[-1].candidate) * best_gain]
         self.report('refinement', 0.6)
         begun = self.workers.map(refined, starts[: SEARCH.refined])
         best = min((f.misfit for f in begun), default=0.0)
-        margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * (self.misfit(beside) - best))
+        margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * (before - best))
         near = [f for f in begun if f.misfit - best <= margin]
         far = [f for f in begun if f.misfit - best > margin]
         return sorted([*self.workers.map(finished, near), *far], key=lambda f: -f.evidence)
