@@ -12,9 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.fft import dct
-from scipy.linalg import solve_toeplitz
-from scipy.special import i0e
+import scipy
 
 from .phase_noise import PhaseNoise, combination_gain
 from .quantities import Quantity
@@ -108,11 +106,9 @@ def outlier_probability(snr: float, bins: int) -> float:
         bins: searched, the line's own among them.
     """
     power = np.linspace(0.0, (np.sqrt(snr) + 8.0) ** 2, 20001)  # of the line's bin over the noise's
-    density = np.exp(-((np.sqrt(power) - np.sqrt(snr)) ** 2)) * i0e(2.0 * np.sqrt(snr * power))
+    density = np.exp(-((np.sqrt(power) - np.sqrt(snr)) ** 2)) * scipy.special.i0e(2.0 * np.sqrt(snr * power))
     missed = -np.expm1((bins - 1) * np.log1p(-np.exp(-power[1:])))
-    from scipy.integrate import trapezoid  # here: it takes 0.2 s of a processor to import, and no node needs it
-
-    return float(trapezoid(density * np.concatenate([[1.0], missed]), power))
+    return float(scipy.integrate.trapezoid(density * np.concatenate([[1.0], missed]), power))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,10 +158,10 @@ def coloured_bound(
             inverse += sum(image_noise_ratio(noise, line.frequency, 1.0, rate) for noise in noises)
         density = density + inverse
     # r(m) = integral of S(f) cos(2 pi f m / f_s) df over the midpoints of the grid
-    covariance = dct(density)[:count] / 2.0 * (offset[1] - offset[0])
+    covariance = scipy.fft.dct(density)[:count] / 2.0 * (offset[1] - offset[0])
     t = (np.arange(count) - (count - 1) / 2) / rate
     ones = np.ones(count)
-    weighted = solve_toeplitz(covariance, np.column_stack([t, ones]))
+    weighted = scipy.linalg.solve_toeplitz(covariance, np.column_stack([t, ones]))
     return Bound(
         frequency=float(1.0 / np.sqrt(t @ weighted[:, 0]) / (2.0 * np.pi)),
         phase=float(1.0 / np.sqrt(ones @ weighted[:, 1])),

@@ -1,12 +1,13 @@
 """Analysis windows by name.
 
 In: a name and a number of samples. Out: the window's samples. NumPy has the common ones; SciPy has all, but its signal
-package takes longer to import than all else that a station starts with, so only the others wait for it.
+package, which is imported when first used, takes longer than all else that a station starts with.
 """
 
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 WINDOWS = ('hann', 'boxcar', 'hamming', 'blackman', 'blackmanharris', 'nuttall', 'cosine', 'parzen', 'bohman')
 """scipy.signal.get_window names that can be chosen."""
@@ -31,7 +32,5 @@ def symmetric_window(name: str, count: int) -> np.ndarray:
     """
     if name in _OF_NUMPY:
         return _OF_NUMPY[name](count)
-    from scipy.signal import get_window  # here: it takes 0.6 s of a processor to import, and few windows need it
-
-    samples: np.ndarray = get_window(name, count, fftbins=False)
+    samples: np.ndarray = scipy.signal.get_window(name, count, fftbins=False)
     return samples

@@ -5,7 +5,7 @@ import functools
 import math
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from drfmcw_physics.phase_noise import PhaseNoise
 from drfmcw_physics.sweep import SweepSettings
@@ -47,7 +47,7 @@ def _interpolation(grid: bytes, count: int, rate: float) -> np.ndarray:
     if len(at) < 2:
         return np.ones((1, count))
     time = np.clip(np.arange(count) / rate, at[0], at[-1])
-    matrix: np.ndarray = CubicSpline(at, np.eye(len(at)), bc_type='natural')(time).T
+    matrix: np.ndarray = scipy.interpolate.CubicSpline(at, np.eye(len(at)), bc_type='natural')(time).T
     return matrix
 
 

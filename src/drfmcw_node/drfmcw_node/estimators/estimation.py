@@ -15,7 +15,7 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from drfmcw_physics.bounds import additive_std, image_noise_ratio, phase_noise_std
 from drfmcw_physics.constants import SPEED_OF_LIGHT
@@ -202,6 +202,7 @@ class Estimator:
         self.length = _fft_length(count)
         window = window_samples(settings.window, start, end, rate, count)
         self._window = window.astype(np.float32)
+        scipy.fft.rfft(self._window, self.length)  # SciPy imports a package when first used: now, not at a sweep
         self.window_sum = float(window.sum())
         window_power = float((window**2).sum())
         bin_width, resolution = rate / self.length, 1.0 / self.duration

@@ -22,7 +22,7 @@ import math
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from .estimation import TINY, Estimator, Sweeps
 from .spectral import whole_turns

@@ -12,7 +12,7 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from drfmcw_physics.oscillators import Calibration
 from drfmcw_physics.settings import ConfigurationError

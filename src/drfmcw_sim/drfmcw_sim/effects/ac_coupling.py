@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from drfmcw_physics.settings import parameter
 
@@ -45,7 +45,7 @@ class AcCoupling(Effect, name='ac_coupling', of=Of.STATION):
             return
         rate = (station.sweep.sample_rate * station.sample_clock)[:, None]
         count = signal.shape[1]
-        period = fft.next_fast_len(2 * count, real=True)
+        period = scipy.fft.next_fast_len(2 * count, real=True)
         frequency = np.arange(period // 2 + 1) * (rate / period)
         response = (1.0 / (1.0 + 1j * frequency / self.pole)).astype(np.complex64)
         # the transform is periodic: its next period begins with what is left of the voltage at mid-padding
@@ -54,5 +54,5 @@ class AcCoupling(Effect, name='ac_coupling', of=Of.STATION):
         fading = np.exp(-2.0 * np.pi * self.pole * later).astype(np.float32)
         channels = [signal[..., 0], signal[..., 1]] if station.iq else [signal]
         for channel in channels:
-            held = fft.irfft(fft.rfft(channel, period) * response, period)
+            held = scipy.fft.irfft(scipy.fft.rfft(channel, period) * response, period)
             channel -= held[:, :count] - held[:, middle, None] * fading

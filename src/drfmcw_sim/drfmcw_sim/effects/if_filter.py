@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from drfmcw_physics.settings import parameter
 
@@ -61,9 +61,9 @@ class IfFilter(Effect, name='if_filter', of=Of.STATION):
         if np.all(rate < 1e-7 * self.pole):  # nothing that float32 could hold
             return
         count = signal.shape[1]
-        period = fft.next_fast_len(2 * count, real=True)
+        period = scipy.fft.next_fast_len(2 * count, real=True)
         frequency = np.arange(period // 2 + 1) * (rate / period)[:, None]
         response = (1.0 / (1.0 + 1j * frequency / self.pole)).astype(np.complex64)
         channels = [signal[..., 0], signal[..., 1]] if station.iq else [signal]
         for channel in channels:
-            channel[...] = fft.irfft(fft.rfft(channel, period) * response, period)[:, :count]
+            channel[...] = scipy.fft.irfft(scipy.fft.rfft(channel, period) * response, period)[:, :count]

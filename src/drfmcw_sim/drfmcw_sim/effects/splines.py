@@ -3,13 +3,13 @@
 import functools
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly
+import scipy
 
 DEGREE = 3
 
 
 @functools.lru_cache(maxsize=32)
-def excess(rates: tuple[float, ...]) -> PPoly:
+def excess(rates: tuple[float, ...]) -> 'scipy.interpolate.PPoly':
     """Return the second integral of the relative rate, over its mean and less 1, over the elapsed share of the ramp.
 
     As polynomials, which take an eighth of the time of B-splines at the samples of a sweep.
@@ -18,8 +18,9 @@ def excess(rates: tuple[float, ...]) -> PPoly:
         rates: coefficients of the spline; its knots are uniform and clamped at the ramp's ends.
     """
     knots = _knots(len(rates))
-    mean = float(BSpline(knots, np.array(rates), DEGREE).integrate(0.0, 1.0))
-    return PPoly.from_spline(BSpline(knots, np.array(rates) / mean - 1.0, DEGREE).antiderivative(2))
+    mean = float(scipy.interpolate.BSpline(knots, np.array(rates), DEGREE).integrate(0.0, 1.0))
+    error = scipy.interpolate.BSpline(knots, np.array(rates) / mean - 1.0, DEGREE)
+    return scipy.interpolate.PPoly.from_spline(error.antiderivative(2))
 
 
 def coefficients(turns: np.ndarray, count: int) -> list[float]:
@@ -30,7 +31,7 @@ def coefficients(turns: np.ndarray, count: int) -> list[float]:
         count: of coefficients.
     """
     x = np.linspace(0.0, 1.0, len(turns))
-    splines = [BSpline(_knots(count), unit, DEGREE) for unit in np.eye(count)]
+    splines = [scipy.interpolate.BSpline(_knots(count), unit, DEGREE) for unit in np.eye(count)]
     means = np.array([spline.integrate(0.0, 1.0) for spline in splines])
     bends = np.array([spline.antiderivative(2)(x) for spline in splines]) - 0.5 * np.outer(means, x**2)
     errors = np.linalg.lstsq(np.vstack([bends, np.ones_like(x), x]).T, turns, rcond=1e-10)[0][:count]

@@ -9,7 +9,7 @@ import functools
 import math
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from drfmcw_physics.phase_noise import PhaseNoise
 
@@ -29,7 +29,7 @@ def period(count: int, sample_rate: float, noise: PhaseNoise, start_delay: float
     """
     memory = _CORRELATION_TIMES * sample_rate / (2.0 * math.pi * noise.corner)
     added = _MARGIN + math.ceil(start_delay * sample_rate) + int(min(memory, 8.0 * count))
-    return fft.next_fast_len(count + added, real=True)
+    return scipy.fft.next_fast_len(count + added, real=True)
 
 
 def bin_count(period: int) -> int:
@@ -98,7 +98,7 @@ def _unit(turns: np.ndarray) -> np.ndarray:
 
 def phase(spectrum: np.ndarray, period: int, count: int) -> np.ndarray:
     """Return phase noise on the grid of its spectrum, float32 [sweeps, count] [rad]."""
-    return fft.irfft(spectrum, period, axis=-1)[:, :count]
+    return scipy.fft.irfft(spectrum, period, axis=-1)[:, :count]
 
 
 def drift_phase(spectrum: np.ndarray, period: int, count: int, drift: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ def drift_phase(spectrum: np.ndarray, period: int, count: int, drift: np.ndarray
         drift: relative excess of the grid's spacing over the oscillator's own, per sweep [1].
     """
     angular = (2j * math.pi / period * np.arange(spectrum.shape[-1])).astype(np.complex64)
-    slope = fft.irfft(spectrum * angular, period, axis=-1)[:, :count]
+    slope = scipy.fft.irfft(spectrum * angular, period, axis=-1)[:, :count]
     slope *= np.arange(count, dtype=np.float32) - np.float32(count / 2)
     slope *= drift.astype(np.float32)[:, None]
     return slope
