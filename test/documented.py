@@ -128,7 +128,18 @@ class Running:
         try:
             return [process.wait(max(0.1, end - time.monotonic())) for process in self.processes]
         except subprocess.TimeoutExpired:
+            self._say_where()
             raise AssertionError(f'still runs after {limit:g} s: {self.said()}') from None
+
+    def _say_where(self) -> None:
+        """Let every process that still runs, and its children before it, print where its threads are, and end."""
+        for process in self.processes:
+            if process.poll() is None:
+                children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text(encoding='ascii').split()
+                for pid in (*map(int, children), process.pid):
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(pid, signal.SIGABRT)
+                process.wait()
 
     def interrupt(self) -> list[int]:
         """Press Ctrl-C; return the statuses."""
@@ -146,7 +157,7 @@ def started(text: str, directory: Path, environment: Mapping[str, str]) -> Itera
         open(directory / '.output', 'wb') as output,
     ):
         ready.bind(f'{short}/ready')
-        given = {**environment, 'NOTIFY_SOCKET': f'{short}/ready'}
+        given = {**environment, 'NOTIFY_SOCKET': f'{short}/ready', 'PYTHONFAULTHANDLER': '1'}
         opened = [
             subprocess.Popen(call, cwd=directory, env=given, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
             for call in processes(text, Path(short))
