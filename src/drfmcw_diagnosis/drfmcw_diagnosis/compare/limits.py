@@ -171,6 +171,10 @@ class ScatterLimits:
     """Power of a sweep's ramp over that of the median one, beyond which it counts less; chosen: a modulation of random
     phase makes sweeps scatter by less."""
 
+    slipping: float = 0.05
+    """Variance of the phase of a sweep's blocks by noise [rad^2], beyond which its course may slip by a turn, which
+    raises the slow terms; chosen: a line 10 dB above the noise of a block."""
+
     flutter_median: int = 31
     """Terms over which the variance around one is taken; chosen."""
 

@@ -124,13 +124,16 @@ class Flutter(_OfChannels):
     def whitened(self, values: np.ndarray, plain: np.ndarray, std: np.ndarray, recorded: RecordedSweeps) -> np.ndarray:
         """Return variances as standard normals, of the terms that slow changes do not move.
 
-        Where a station hears itself, what moves in its scene changes more of them.
+        Where a station hears itself, what moves in its scene changes more of them. Phases of which the noise alone may
+        make turns slip are not compared.
         """
         freedom = recorded.freedom[:, None, None]
         over = (gaussian(values, freedom) - gaussian(np.ones(1), freedom)) / SCATTER.flutter_spread
         terms = np.arange(values.shape[-1])
         first = SCATTER.trend_from if recorded.topology.hears_itself else SCATTER.steady
-        compared = (terms >= first) & recorded.scatters
+        of_phase = np.array([channel.of_phase for channel in recorded.channels])
+        slips = np.any(of_phase & (std[..., SCATTER.steady :].mean(axis=-1) > SCATTER.slipping), axis=1)
+        compared = (terms >= first) & recorded.scatters & ~(of_phase & slips[:, None])[..., None]
         return np.where(compared, over, 0.0)
 
     def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
