@@ -108,7 +108,7 @@ class SimulatedSweeps:
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - farther)
         if distorting:
-            jittered = _mean(self.jittered(part, effects, False, copies, free=True), copies)
+            jittered = _mean(self.jittered(part, effects, False, copies), copies)
             features = dataclasses.replace(features, power=jittered.power)
         return features
 
@@ -174,13 +174,12 @@ class SimulatedSweeps:
         quiet: bool = False,
         shape: bool = False,
         as_measured: bool = False,
-        free: bool = False,
     ) -> SweepFeatures:
-        """Return power and lines of sweeps with beats and amplitudes of measured ones, (copies x groups, ...).
+        """Return power and lines of sweeps with start delays and amplitudes of measured ones, (copies x groups, ...).
 
-        Harmonics multiply the jitter, and what a clock that does not fit yet shifts the lines by. Where effects
-        distort, lines are as strong as the measured ones: how many samples a limiter holds depends on a tenth of a
-        decibel. Otherwise each group has the model's mean, unless `as_measured`.
+        Harmonics multiply the jitter. Where effects distort, lines are as strong as the measured ones: how many samples
+        a limiter holds depends on a tenth of a decibel. Otherwise each group has the model's mean, unless
+        `as_measured`.
 
         Args:
             part: groups of one setting.
@@ -191,26 +190,16 @@ class SimulatedSweeps:
             quiet: see there.
             shape: see there.
             as_measured: make all lines as strong as the measured ones.
-            free: have the jitter of those sweeps that count in the recorded spectra: the few that a limit distorts may
-                pass for bursts there.
         """
-        free = free and not all(self._recorded.sweeps[group].free.all() for group in part.groups)
         if as_measured or any(effect.distorts for effect in effects):
-            powers = self._needed(part, tuple(e for e in effects if not e.bursts), copies, free)
+            powers = self._needed(part, tuple(e for e in effects if not e.bursts), copies)
         else:
-            amplitudes = self._amplitudes(part, copies, free)
+            amplitudes = self._amplitudes(part, copies)
             powers = amplitudes - amplitudes.mean(axis=0)
         rows = self._raised(part, powers)
         rows.sweep_id = np.arange(len(rows))
-        distorted = [
-            number
-            for number, heard in enumerate(self._recorded.heard)
-            if any(e.distorts and e.applies_to(rows.stations[heard].name) for e in effects)
-        ]
-        order = min(distorted, default=0)
-        beats = np.stack([self._beats(g, copies, order, free) for g in part.groups], axis=1)
-        expected = self._noise_free(part, tuple(e for e in _seen(effects) if not (e.distorts or e.bursts))).beat
-        rows.start_delay += (beats - expected).ravel() / part.extract.beat_per_start_delay
+        delays = np.stack([self._start_delays(g, copies) for g in part.groups], axis=1)
+        rows.start_delay += delays.ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
         return self._features(part, rows, effects, noise, harmonic, quiet=quiet, shape=shape)
 
@@ -222,12 +211,12 @@ class SimulatedSweeps:
         return rows
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
-    def _needed(self, part: Part, effects: tuple[Effect, ...], copies: int, free: bool) -> np.ndarray:
+    def _needed(self, part: Part, effects: tuple[Effect, ...], copies: int) -> np.ndarray:
         """Return by how much to raise the received power of sweeps, so that lines are as measured (copies, G, S) [dB].
 
         Deep in a limit the line hardly says how strong it came in: then the link budget does.
         """
-        amplitudes = self._amplitudes(part, copies, free)
+        amplitudes = self._amplitudes(part, copies)
         loss = self._loss(part, acted(part, effects))
         effects = _seen(effects)
         plain = self._noise_free(part, tuple(e for e in effects if not e.distorts))
@@ -335,31 +324,23 @@ class SimulatedSweeps:
         time = self._recorded.data.time[self._recorded.members[group]]
         return np.interp((np.arange(count) + 0.5) / count * len(time) - 0.5, np.arange(len(time)), time) - time.mean()
 
-    def _amplitudes(self, part: Part, count: int, free: bool) -> np.ndarray:
+    def _amplitudes(self, part: Part, count: int) -> np.ndarray:
         """Return amplitudes that stand for those of a part's sweeps (count, G, S), in rising order [dB of 1 LSB]."""
         found = []
         for group in part.groups:
-            sweeps = self._recorded.sweeps[group]
-            each = [a[f | (not free)] for a, f in zip(sweeps.amplitude.T, sweeps.free.T, strict=True)]
-            found.append([np.interp(_middles(count, len(a)), np.arange(len(a)), np.sort(a)) for a in each])
+            own = np.sort(self._recorded.sweeps[group].amplitude, axis=0)
+            at = (np.arange(count) + 0.5) / count * len(own) - 0.5
+            found.append([np.interp(at, np.arange(len(own)), values) for values in own.T])
         return np.moveaxis(np.array(found), 2, 0)
 
-    def _beats(self, group: int, count: int, station: int, free: bool) -> np.ndarray:
-        """Return the beats of `count` sweeps of a group in rising order of one station's amplitude [Hz].
-
-        Harmonics that only the strongest sweeps of a group have lie at multiples of these sweeps' frequencies.
-        """
-        sweeps = self._recorded.sweeps[group]
-        order = np.argsort(sweeps.amplitude[:, station])
-        order = order[sweeps.free[order, station] | (not free)]
-        beats: np.ndarray = sweeps.beat[order[np.rint(_middles(count, len(order))).astype(int)]]
-        return beats
+    def _start_delays(self, group: int, count: int) -> np.ndarray:
+        """Return T_off minus the group's mean, of `count` of its sweeps [s]."""
+        return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
 
 
-def _middles(count: int, length: int) -> np.ndarray:
-    """Return the places of the middles of `count` equal parts of a list (count,)."""
-    places: np.ndarray = (np.arange(count) + 0.5) / count * length - 0.5
-    return places
+def _spread(values: np.ndarray, count: int) -> np.ndarray:
+    """Return the values of `count` sweeps spread over a group's (n, ...), less the mean of all."""
+    return values[np.linspace(0, len(values) - 1, count).astype(int)] - values.mean(axis=0)
 
 
 def _likeliest(tried: np.ndarray, reached: np.ndarray, wanted: np.ndarray, budget: np.ndarray) -> np.ndarray:
