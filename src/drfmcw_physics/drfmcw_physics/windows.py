@@ -1,7 +1,8 @@
 """Analysis windows by name.
 
 In: a name and a number of samples. Out: the window's samples. NumPy has the common ones; SciPy has all, but its signal
-package, which is imported when first used, takes longer than all else that a station starts with.
+package takes longer to import than all else that a station starts with. SciPy imports it when it is first used, so only
+the others wait for it.
 """
 
 from collections.abc import Callable

@@ -18,7 +18,7 @@ from .limits import MODEL
 def ramp_of(c: Comparison) -> tuple[Kind, list[int]]:
     """Return the kind of the ramp's numbers, and which of its channels are phases."""
     kind = next(k for k in c.kinds if k.name == 'ramp')
-    return kind, [i for i, channel in enumerate(c.channels) if channel.of_phase]
+    return kind, c.recorded.phases
 
 
 def as_shown(shapes: np.ndarray, of_phase: bool) -> np.ndarray:

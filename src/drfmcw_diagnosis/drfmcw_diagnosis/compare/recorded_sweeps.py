@@ -120,6 +120,11 @@ class RecordedSweeps:
         return self.topology.channels
 
     @property
+    def phases(self) -> list[int]:
+        """Channels that are phases."""
+        return [i for i, channel in enumerate(self.channels) if channel.of_phase]
+
+    @property
     def sample_rate(self) -> float:
         """Sample rate [Hz]."""
         return float(self.data.sweeps[0][0].sample_rate)

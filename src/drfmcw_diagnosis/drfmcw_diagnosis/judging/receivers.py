@@ -205,7 +205,7 @@ def unexplained_course(fitting: Fitting, rest: np.ndarray, added: np.ndarray, we
             not count.
     """
     c = fitting.comparison
-    channel = next(i for i, x in enumerate(c.recorded.channels) if x.of_phase)  # the sum, or the only one
+    channel = c.recorded.phases[0]  # the sum, or the only one
     std = c.std.ramp[:, channel]
     scale = np.where(np.isfinite(std), std, 0.0)
     rows = c.entries.where(kind='ramp', station=channel)

@@ -106,9 +106,8 @@ class Flutter(_OfChannels):
         if not evidence.recorded.scatters:
             ones = np.ones((len(evidence.counts), *evidence.ramps[0].shape[1:]))
             return ones, ones
-        phases = [i for i, channel in enumerate(evidence.recorded.channels) if channel.of_phase]
         calm = [ramp[chosen] for ramp, chosen in zip(evidence.ramps, evidence.recorded.calm, strict=True)]
-        return _over_neighbours(calm, phases)
+        return _over_neighbours(calm, evidence.recorded.phases)
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return 1 and what effects of random phase add.
@@ -131,9 +130,10 @@ class Flutter(_OfChannels):
         over = (gaussian(values, freedom) - gaussian(np.ones(1), freedom)) / SCATTER.flutter_spread
         terms = np.arange(values.shape[-1])
         first = SCATTER.trend_from if recorded.topology.hears_itself else SCATTER.steady
-        of_phase = np.array([channel.of_phase for channel in recorded.channels])
-        slips = np.any(of_phase & (std[..., SCATTER.steady :].mean(axis=-1) > SCATTER.slipping), axis=1)
-        compared = (terms >= first) & recorded.scatters & ~(of_phase & slips[:, None])[..., None]
+        phases = recorded.phases
+        slips = np.any(std[:, phases, SCATTER.steady :].mean(axis=-1) > SCATTER.slipping, axis=1)
+        compared = np.broadcast_to((terms >= first) & recorded.scatters, values.shape).copy()
+        compared[np.ix_(slips, phases)] = False
         return np.where(compared, over, 0.0)
 
     def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
