@@ -108,9 +108,26 @@ class SimulatedSweeps:
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - farther)
         if distorting:
-            jittered = _mean(self.jittered(part, effects, False, copies), copies)
-            features = dataclasses.replace(features, power=jittered.power)
+            features = dataclasses.replace(features, power=self._harmonics(part, effects, copies).power)
         return features
+
+    def _harmonics(self, part: Part, effects: tuple[Effect, ...], copies: int) -> SweepFeatures:
+        """Return the mean power of sweeps as strong, and at the frequencies, as those that the recorded spectra hold.
+
+        The few sweeps that alone reach a limit may pass for ones with a burst. A harmonic multiplies by how much its
+        line is off: by the jitter, and by what no clock of the explanation accounts for yet.
+        """
+        undistorted = tuple(e for e in effects if not (e.distorts or e.bursts))
+        names = [part.steady.stations[heard].name for heard in self._recorded.heard]
+        distorted = (n for n, name in enumerate(names) if any(e.distorts and e.applies_to(name) for e in effects))
+        station = next(distorted, 0)
+        some = not all(self._recorded.sweeps[group].free.all() for group in part.groups)
+        rows = self._raised(part, self._needed(part, tuple(e for e in effects if not e.bursts), copies, some))
+        beats = np.stack([self._beats(group, copies, station) for group in part.groups], axis=1)
+        late = (beats - self._noise_free(part, undistorted).beat) / part.extract.beat_per_start_delay
+        rows.start_delay += late.ravel()
+        align(part, rows, copies, self._recorded.sweeps, effects)
+        return _mean(self._features(part, rows, effects, shape=False), copies)
 
     def drive(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
         """Return the speed of each group's drive (G,) [m/s], None unless a second path's phase turns within a group.
@@ -192,7 +209,7 @@ class SimulatedSweeps:
             as_measured: make all lines as strong as the measured ones.
         """
         if as_measured or any(effect.distorts for effect in effects):
-            powers = self._needed(part, tuple(e for e in effects if not e.bursts), copies)
+            powers = self._needed(part, tuple(e for e in effects if not e.bursts), copies, False)
         else:
             amplitudes = self._amplitudes(part, copies)
             powers = amplitudes - amplitudes.mean(axis=0)
@@ -211,12 +228,13 @@ class SimulatedSweeps:
         return rows
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
-    def _needed(self, part: Part, effects: tuple[Effect, ...], copies: int) -> np.ndarray:
+    def _needed(self, part: Part, effects: tuple[Effect, ...], copies: int, free: bool) -> np.ndarray:
         """Return by how much to raise the received power of sweeps, so that lines are as measured (copies, G, S) [dB].
 
-        Deep in a limit the line hardly says how strong it came in: then the link budget does.
+        Deep in a limit the line hardly says how strong it came in: then the link budget does. `free` as for
+        `_amplitudes`.
         """
-        amplitudes = self._amplitudes(part, copies)
+        amplitudes = self._amplitudes(part, copies, free)
         loss = self._loss(part, acted(part, effects))
         effects = _seen(effects)
         plain = self._noise_free(part, tuple(e for e in effects if not e.distorts))
@@ -322,20 +340,37 @@ class SimulatedSweeps:
     def _times(self, group: int, count: int) -> np.ndarray:
         """Return times spread over a group's sweeps, from their mean [s] (count,)."""
         time = self._recorded.data.time[self._recorded.members[group]]
-        return np.interp((np.arange(count) + 0.5) / count * len(time) - 0.5, np.arange(len(time)), time) - time.mean()
+        return np.interp(_middles(count, len(time)), np.arange(len(time)), time) - time.mean()
 
-    def _amplitudes(self, part: Part, count: int) -> np.ndarray:
-        """Return amplitudes that stand for those of a part's sweeps (count, G, S), in rising order [dB of 1 LSB]."""
+    def _amplitudes(self, part: Part, count: int, free: bool = False) -> np.ndarray:
+        """Return amplitudes that stand for those of a part's sweeps (count, G, S), in rising order [dB of 1 LSB].
+
+        Either all sweeps count or, if `free`, those without a burst.
+        """
         found = []
         for group in part.groups:
-            own = np.sort(self._recorded.sweeps[group].amplitude, axis=0)
-            at = (np.arange(count) + 0.5) / count * len(own) - 0.5
-            found.append([np.interp(at, np.arange(len(own)), values) for values in own.T])
+            sweeps = self._recorded.sweeps[group]
+            each = [a[f | (not free)] for a, f in zip(sweeps.amplitude.T, sweeps.free.T, strict=True)]
+            found.append([np.interp(_middles(count, len(a)), np.arange(len(a)), np.sort(a)) for a in each])
         return np.moveaxis(np.array(found), 2, 0)
+
+    def _beats(self, group: int, count: int, station: int) -> np.ndarray:
+        """Return the beats of sweeps without a burst in rising order of a station's amplitude (count,) [Hz]."""
+        sweeps = self._recorded.sweeps[group]
+        order = np.argsort(sweeps.amplitude[:, station])
+        order = order[sweeps.free[order, station]]
+        beats: np.ndarray = sweeps.beat[order[np.rint(_middles(count, len(order))).astype(int)]]
+        return beats
 
     def _start_delays(self, group: int, count: int) -> np.ndarray:
         """Return T_off minus the group's mean, of `count` of its sweeps [s]."""
         return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
+
+
+def _middles(count: int, length: int) -> np.ndarray:
+    """Return the places of the middles of `count` equal parts of a list (count,)."""
+    places: np.ndarray = (np.arange(count) + 0.5) / count * length - 0.5
+    return places
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:
