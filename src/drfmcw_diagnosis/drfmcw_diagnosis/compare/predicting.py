@@ -344,10 +344,8 @@ class Predictor:
         All of the simulated sweeps hold a burst, and count by the share of sweeps that do. Bursts of two effects rarely
         come in one sweep.
         """
-        steady = self._among_noise(part, None)
-        even, plain = self._mixed(part, steady, steady, 0.0)
-        each = (effect.in_each_sweep() for effect in effects if effect.bursts)
-        mixed = [self._mixed(part, steady, self._among_noise(part, always), share) for always, share in each]
+        even, plain = self._mixed(part, None)
+        mixed = [self._mixed(part, effect) for effect in effects if effect.bursts]
         uneven = np.sum([found - even for found, _ in mixed], axis=0)
         noise = np.sum([np.nan_to_num(bands - plain) for _, bands in mixed], axis=0)
         return Bursts(uneven, noise)
@@ -361,21 +359,22 @@ class Predictor:
         quiet, surge, power, line = (_by_group(x, copies) for x in (found.quiet, found.surge, found.power, found.line))
         return quiet, surge, power, line.mean(axis=1)
 
-    def _mixed(
-        self, part: Part, steady: tuple[np.ndarray, ...], bursting: tuple[np.ndarray, ...], share: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the unevenness (S, K) and the noise in bands between bursts (G, S, N) [dB] of sweeps of both kinds.
+    @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
+    def _mixed(self, part: Part, effect: Effect | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the unevenness (S, K) and the noise in bands between bursts (G, S, N) [dB].
 
         Args:
             part: groups of one setting.
-            steady: sweeps without bursts, as `_among_noise` returns them.
-            bursting: sweeps each of which holds one.
-            share: of these among all.
+            effect: whose bursts some of the sweeps hold; None: of sweeps without.
         """
-        (quiet, surge, power), line = (
-            (np.concatenate(x, axis=1) for x in zip(steady[:3], bursting[:3], strict=True)),
-            steady[3],
-        )
+        steady = bursting = self._among_noise(part, None)
+        share = 0.0
+        if effect is not None:
+            always, share = effect.in_each_sweep()
+            bursting = self._among_noise(part, always)
+        pairs = zip(steady[:3], bursting[:3], strict=True)
+        quiet, surge, power = (np.concatenate(x, axis=1) for x in pairs)
+        line = steady[3]
         copies = steady[0].shape[1]
         weights = np.repeat([max(1.0 - share, SIMULATION.least_share), share], copies)
         uneven = [unevenness(list(quiet[:, :, i]), list(surge[:, :, i]), weights)[0] for i in range(quiet.shape[2])]

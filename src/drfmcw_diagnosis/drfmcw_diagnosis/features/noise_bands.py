@@ -1,6 +1,6 @@
 """Noise in bands of equal width beside the lines: what a spectrum shows of it, and what further lines make of that."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -8,7 +8,7 @@ from scipy.special import ndtr
 from drfmcw_physics.constants import DECIBELS_PER_NEPER
 
 from .limits import SPECTRUM
-from .spectra import median_of_mean, near_line
+from .spectra import median_of_mean, near_line, row_medians
 
 
 class NoiseBands:
@@ -35,11 +35,9 @@ class NoiseBands:
             line: of each station (S,) [Hz].
             count: of the sweeps in each mean (S,).
         """
-        noise = np.full((len(power), SPECTRUM.bands), np.nan)
-        for station, band, inside in self._each(power, line):
-            median = np.median(inside) / median_of_mean(count[station])
-            noise[station, band] = 10.0 * np.log10(median / self._window_power[station])
-        return noise
+        median, used = row_medians(self._beside(power, line))
+        median = np.where(used >= SPECTRUM.fewest_bins, median, np.nan)
+        return 10.0 * np.log10(median / (median_of_mean(count) * self._window_power)[:, None])
 
     def std(self, power: np.ndarray, line: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Return the standard deviation of the noise in bands (S, N) [dB], infinite where a line fills the band.
@@ -52,20 +50,21 @@ class NoiseBands:
             count: of the sweeps in each mean (S,).
         """
         std = np.full((len(power), SPECTRUM.bands), np.inf)
-        for station, band, inside in self._each(power, line):
-            std[station, band] = 0.5 * DECIBELS_PER_NEPER * _std_of_median(inside, float(count[station]))
+        inside = self._beside(power, line)
+        enough = np.count_nonzero(~np.isnan(inside), axis=-1) >= SPECTRUM.fewest_bins
+        for station, band in zip(*np.nonzero(enough), strict=True):
+            values = inside[station, band]
+            of_median = _std_of_median(values[~np.isnan(values)], float(count[station]))
+            std[station, band] = 0.5 * DECIBELS_PER_NEPER * of_median
         return std
 
-    def _each(self, power: np.ndarray, line: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Yield station, band, and the power in the band's bins beside the line, of bands with enough of them."""
+    def _beside(self, power: np.ndarray, line: np.ndarray) -> np.ndarray:
+        """Return the power in the bins of each band, NaN at the lines and to make all bands as long (S, N, M)."""
         bins = power.shape[-1]
-        masked = self.at_line(line, bins)
         edges = edges_of(bins)
-        for station, band in np.ndindex(len(power), SPECTRUM.bands):
-            own = slice(edges[band], edges[band + 1])
-            inside = power[station, own][~masked[station, own]]
-            if len(inside) >= SPECTRUM.fewest_bins:
-                yield station, band, inside
+        at = edges[:-1, None] + np.arange(np.diff(edges).max())
+        inside = np.where(self.at_line(line, bins), np.nan, power)[:, np.minimum(at, bins - 1)]
+        return np.where(at < edges[1:, None], inside, np.nan)
 
     def with_power(self, quiet: np.ndarray, power: np.ndarray) -> np.ndarray:
         """Return noise in bands (G, S, BANDS) [dB of 1 LSB^2 per sample] with smooth power added.

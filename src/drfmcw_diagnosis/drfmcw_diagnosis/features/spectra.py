@@ -76,6 +76,19 @@ def local_noise(power: np.ndarray, bins: int = SPECTRUM.median) -> np.ndarray:
     return median_filter(power, size=(1,) * (power.ndim - 1) + (bins,), mode='reflect')
 
 
+def row_medians(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the medians of rows (..., N), NaN where nothing is, and how many numbers each has; NaN counts as nothing.
+
+    All at once: NumPy's own goes from row to row where there are any.
+    """
+    ordered = np.sort(values, axis=-1)  # NaN last
+    count = np.count_nonzero(~np.isnan(ordered), axis=-1)
+    low, high = (
+        np.take_along_axis(ordered, at[..., None], -1)[..., 0] for at in (np.maximum(count - 1, 0) // 2, count // 2)
+    )
+    return 0.5 * (low + np.where(count > 0, high, low)), count
+
+
 def near_line(bins: int, frequency: np.ndarray, width: float, rate: float) -> np.ndarray:
     """Return which bins are at a line, or outside of what is compared (..., B).
 

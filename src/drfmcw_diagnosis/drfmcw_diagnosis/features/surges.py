@@ -16,7 +16,7 @@ from scipy.ndimage import minimum_filter1d
 from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SPECTRUM, SURGES
-from .spectra import gaussian
+from .spectra import gaussian, row_medians
 
 NUMBERS = 1 + 2 * len(SURGES.windows)
 """How many numbers `unevenness` returns."""
@@ -211,12 +211,8 @@ def _near_lines(power: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 def _medians(power: np.ndarray) -> np.ndarray:
     """Return the noise in blocks of bins (n, blocks), by their median; NaN counts as nothing."""
-    blocks = np.sort(power.reshape(len(power), -1, SURGES.block), axis=2)  # NaN last
-    count = np.count_nonzero(~np.isnan(blocks), axis=2)
-    low, high = (
-        np.take_along_axis(blocks, np.maximum(at, 0)[..., None], 2)[..., 0] for at in ((count - 1) // 2, count // 2)
-    )
-    middle = 0.5 * (low + np.where(count > 0, high, low)) / np.log(2.0)
+    median, count = row_medians(power.reshape(len(power), -1, SURGES.block))
+    middle = median / np.log(2.0)
     usual = np.nanmedian(middle, axis=1, keepdims=True)
     middle = np.where(count < SURGES.block // 4, usual, middle)
     return np.maximum(np.nan_to_num(middle), _TINY)
