@@ -219,6 +219,10 @@ class Comparison:
         """Return by how much distortion among `effects` makes noise uneven (G, S, NUMBERS), see `Predictor.uneven`."""
         return self._model.uneven(tuple(effects))
 
+    def scattering(self, effects: Sequence[Effect]) -> np.ndarray:
+        """Return how far distortion among `effects` changes noise by chance (G, S, N), see `Predictor.scattering`."""
+        return self._model.scattering(tuple(effects))
+
     def template(self, effects: Sequence[Effect], around: tuple[Effect, ...] | None = None) -> np.ndarray:
         """Return what `effects` add to the model, over the standard deviations of the data; compare with `residual`.
 

@@ -326,17 +326,40 @@ class Predictor:
         undistorted = tuple(e for e in effects if not e.distorts)
         result = np.zeros(self.std['burst'].shape)
         for part in self.recorded.parts:
-            after, before = (self._unevenness(part, each) for each in (effects, undistorted))
+            (after, _), (before, _) = (self._of_each_sweep(part, each) for each in (effects, undistorted))
             result[part.groups[0]] = after - before
         return result
 
+    def scattering(self, effects: tuple[Effect, ...]) -> np.ndarray:
+        """Return how far distortion changes a group's noise in bands by chance (G, S, N) [dB].
+
+        It depends on the phases at which the samples meet a limit, hence in each sweep on its own: most where a line
+        is near a simple part of the sampling rate. Sweeps are simulated as by `uneven`.
+        """
+        effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
+        undistorted = tuple(e for e in effects if not e.distorts)
+        result = np.zeros(self.std['noise'].shape)
+        for part in self.recorded.parts:
+            (_, after), (_, before) = (self._of_each_sweep(part, each) for each in (effects, undistorted))
+            result[part.groups] = np.std(np.nan_to_num(after - before), axis=1, ddof=1)
+        # the model is the mean of few sweeps, too
+        chance: np.ndarray = np.sqrt(1.0 / SIMULATION.distorted + 1.0 / np.array(self.recorded.quiet_counts))
+        return result * chance[..., None]
+
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
-    def _unevenness(self, part: Part, effects: tuple[Effect, ...]) -> np.ndarray:
-        """Return how unevenly noise is spread over simulated sweeps as strong as the recorded ones (S, NUMBERS)."""
+    def _of_each_sweep(self, part: Part, effects: tuple[Effect, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Return how unevenly noise is spread over simulated sweeps as strong as the recorded ones (S, NUMBERS).
+
+        And the noise in bands of each (G, copies, S, N) [dB of 1 LSB^2 per sample].
+        """
         copies = SIMULATION.bursting
         found = self.simulated.jittered(part, effects, True, copies, quiet=True, as_measured=True)
         quiet, surge = (_by_group(x, copies) for x in (found.quiet, found.surge))
-        return np.array([unevenness(list(quiet[:, :, i]), list(surge[:, :, i]))[0] for i in range(quiet.shape[2])])
+        uneven = [unevenness(list(quiet[:, :, i]), list(surge[:, :, i]))[0] for i in range(quiet.shape[2])]
+        once = np.ones(len(self.recorded.heard))
+        pairs = zip(found.power, found.line, strict=True)
+        bands = np.array([self.recorded.bands.measured(*pair, once) for pair in pairs])
+        return np.array(uneven), _by_group(bands, copies)
 
     def bursts(self, part: Part, effects: Sequence[Effect]) -> Bursts:
         """Return what bursts do, by sweeps simulated among the same noise with and without them.

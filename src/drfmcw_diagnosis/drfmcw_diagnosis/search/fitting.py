@@ -468,6 +468,7 @@ class Fitting(Templates):
             bursting=any(e.bursts for e in acting),
             incoherence=sum(incoherent),
             uneven=lambda: c.uneven([e.build() for e in fitted.effects]),
+            scattering=lambda: c.scattering([e.build() for e in fitted.effects]),
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
 

@@ -19,4 +19,5 @@ class Explained:
     bursting: bool  # one of its effects comes and goes
     incoherence: float  # doubt that its effects cast on what both lines' noise has in common [1]
     uneven: Callable[[], np.ndarray]  # computes by how much its distortion makes noise uneven, see `Comparison.uneven`
+    scattering: Callable[[], np.ndarray]  # computes how far it changes noise by chance, see `Comparison.scattering`
     changing: Callable[[], np.ndarray]  # computes by how much it makes the ramp change, see `Comparison.changing`

@@ -175,6 +175,13 @@ class Noise(_InBands):
             found += [chosen * floor, chosen * skirt, chosen * skirt * tilt]
         return found
 
+    def doubt(self, explained: Explained, template: np.ndarray, nonlinear: np.ndarray) -> np.ndarray:
+        """Doubt what a distortion takes of it: few sweeps have some phases by chance."""
+        doubt = super().doubt(explained, template, nonlinear)
+        if explained.distorting:
+            doubt = np.hypot(doubt, (explained.scattering() / explained.std[self.name]).ravel())
+        return doubt
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Coherence(_InBands):
