@@ -248,7 +248,7 @@ class Search(Promising):
         self.report('effects that promise something', 0.3)
         before = self.misfit(beside)
         gaining = [f for f in self.workers.map(begun_at, kinds) if f.misfit < before - SEARCH.least]
-        starts = sorted(gaining, key=lambda f: f.misfit)
+        starts = self._without_mistaken_bursts(sorted(gaining, key=lambda f: f.misfit))
         if starts:
             best_gain = before - starts[0].misfit
             starts = [s for s in starts if before - s.misfit > _least_share(s.effects[-1].candidate) * best_gain]
@@ -259,6 +259,24 @@ class Search(Promising):
         near = [f for f in begun if f.misfit - best <= margin]
         far = [f for f in begun if f.misfit - best > margin]
         return sorted([*self.workers.map(finished, near), *far], key=lambda f: -f.evidence)
+
+    def _without_mistaken_bursts(self, begun: list[Fitted]) -> list[Fitted]:
+        """Return explanations, best first, without the bursts that a distortion outdoes.
+
+        Harmonics that come and go from sweep to sweep look like bursts, and only the doubt beside a distortion knows of
+        them. So where bursts are best, each distortion is compared with them as if it were there.
+        """
+        bursting = [f for f in begun if f.effects[-1].candidate.kind.bursts]
+        if not bursting or bursting[0] is not begun[0]:
+            return begun
+        others = [f for f in begun if not f.effects[-1].candidate.kind.bursts]
+        for one in others:
+            if one.effects[-1].candidate.kind.distorts:
+                whitening = self.whitening_of(one)
+                own, theirs = (whitening(self.comparison.residual - f.template) for f in (one, begun[0]))
+                if own @ own < theirs @ theirs:
+                    return others
+        return begun
 
     def probability(self, gain: float, freedom: int, key: tuple[str, str]) -> float:
         """Return the probability that noise alone gains as much for any effect at any starting point (Bonferroni).
