@@ -170,6 +170,18 @@ def test_noise_beside_a_limit_is_known_as_well_as_the_phases_of_few_sweeps(tmp_p
     assert doubt[:, 0].max() < 0.01  # the other receiver
 
 
+def test_a_band_that_only_the_modelled_line_fills_casts_no_doubt(tmp_path):
+    """A curved ramp shifts the line out of a band which the model has it fill, and so knows no noise of."""
+    curved = {'effect': 'sweep_curvature', 'station': 'slave', 'deviation': -20.7e3}
+    standing = {'standing': {'distances': [30.0, 60.0], 'sweeps': 12}}
+    path = record(scene(standing, mode={'start_delay_short': 3.21e-6}, effects=[curved]), tmp_path / 'r')
+    fitting = Fitting(Comparison(read_dataset(path)))
+    assert np.isnan(fitting.comparison.std['noise']).any()
+    start = Candidate('second_order_distortion', 'slave', Effect.registry['second_order_distortion'].recipes[0], {})
+    fitted = fitting.fit([(start, {'second_order': 0.5})], 0)
+    assert np.isfinite(fitting.doubt(fitted)).all()
+
+
 def test_noise_passes_a_distortion_with_the_line(tmp_path):
     """Noise blurs a limit, which takes 0.1 dB more of a line of about its height, and an even curve gives noise a mean.
 

@@ -179,7 +179,8 @@ class Noise(_InBands):
         """Doubt what a distortion takes of it: few sweeps have some phases by chance."""
         doubt = super().doubt(explained, template, nonlinear)
         if explained.distorting:
-            doubt = np.hypot(doubt, (explained.scattering() / explained.std[self.name]).ravel())
+            scattering = explained.scattering() / explained.std[self.name]
+            doubt = np.hypot(doubt, np.nan_to_num(scattering).ravel())  # a line may fill a band
         return doubt
 
 
