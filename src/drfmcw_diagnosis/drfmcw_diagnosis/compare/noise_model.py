@@ -42,7 +42,9 @@ class NoiseModel:
         self._counts = np.array(recorded.quiet_counts, float)  # sweeps whose spectra a mean has (G, S)
         self._lines = np.array([sweeps.line.mean(axis=0) for sweeps in recorded.sweeps])
         self._powers *= self._spread(recorded)
-        self._known: dict[tuple, np.ndarray] = {}  # coherences by what they depend on
+        # by what they depend on
+        self._coherences: dict[tuple, np.ndarray] = {}
+        self._bands: dict[tuple, np.ndarray] = {}
 
     def _spread(self, recorded: RecordedSweeps) -> np.ndarray:
         """Return the power of the lines with all that spreads them, over their coherent power (G, S).
@@ -78,6 +80,23 @@ class NoiseModel:
             effects: of which filters pass noise by its frequency.
             line: of each station (G, S) [Hz].
         """
+        line = SIMULATION.line_step * np.rint(line / SIMULATION.line_step)
+        decisive = (
+            int(part.groups[0]),
+            *_oscillators(state),
+            *(e for e in effects if e.stage == Stage.FILTER),
+            *(s.noise_density.tobytes() for s in state.stations),
+            np.rint(state.paths[0].delay / SIMULATION.delay_step).tobytes(),
+        )
+        if decisive not in self._coherences:
+            self._coherences[decisive] = self._coherence(part, state, effects)
+        of_lines = (*decisive, line.tobytes())
+        if of_lines not in self._bands:
+            self._bands[of_lines] = self._in_bands(part, state, effects, line)
+        return self._bands[of_lines], self._coherences[decisive]
+
+    def _in_bands(self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray) -> np.ndarray:
+        """Return the noise of each group in bands, as `predicted`."""
         rate = state.stations[0].sweep.sample_rate
         count = SPECTRUM.bands * SIMULATION.frequencies
         centre = (np.arange(count) + 0.5) * (rate / 2 / count)
@@ -104,17 +123,8 @@ class NoiseModel:
         kept = kept & (np.abs(centre - own) >= SPECTRUM.line * width)  # a band that a line fills is not compared
         total = floor + np.where(kept, skirts, np.nan)
         bands = total.reshape(*line.shape, SPECTRUM.bands, SIMULATION.frequencies)
-        noise = 10.0 * np.log10(_median(bands, self._counts[part.groups][..., None]))
-        decisive = (
-            int(part.groups[0]),
-            *oscillators,
-            *(e for e in effects if e.stage == Stage.FILTER),
-            *(s.noise_density.tobytes() for s in state.stations),
-            np.rint(state.paths[0].delay / SIMULATION.delay_step).tobytes(),
-        )
-        if decisive not in self._known:
-            self._known[decisive] = self._coherence(part, state, effects)
-        return noise, self._known[decisive]
+        noise: np.ndarray = 10.0 * np.log10(_median(bands, self._counts[part.groups][..., None]))
+        return noise
 
     def loss(self, part: Part, state: Measurements) -> np.ndarray:
         """Return by how much phase noise lowers the power of each group's lines (G, 1) [dB].

@@ -311,6 +311,9 @@ class ScanLimits:
     above_limit: tuple[float, ...] = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)
     """Limits that are tried where samples pile up, relative to these [dB]; chosen."""
 
+    piled: float = 20.0
+    """Samples that pile up, over their standard deviation [1], from which on no other limit is tried; chosen."""
+
     level_step: float = 2.0
     """Between limits that are tried [dB]; chosen."""
 

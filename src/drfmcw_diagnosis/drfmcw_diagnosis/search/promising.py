@@ -4,6 +4,7 @@ In: a comparison, what an explanation leaves of it. Out: starting points with th
 """
 
 import collections
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Sequence
 
@@ -102,8 +103,13 @@ class Promising(Fitting):
                 continue
             for station in at_stations(effect, recipe, stations):
                 number = receivers.index(station) if station in receivers else -1
+                begun = []
                 for point in starting_points(rest, recipe, number):
-                    found.append(Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point))
+                    candidate = Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point)
+                    low, high = self.bounds(candidate, recipe.scanned)
+                    within = {recipe.scanned: min(max(candidate.values[recipe.scanned], low), high)}
+                    begun.append(dataclasses.replace(candidate, values=candidate.values | within))
+                found += [candidate for n, candidate in enumerate(begun) if candidate not in begun[:n]]
         return found
 
     def templates_beside(self, fitted: Fitted | None, scanned: bool = True) -> np.ndarray:

@@ -28,10 +28,10 @@ class Compression(Effect, name='compression', of=Of.STATION):
             start={},
             prior={'third_order': 0.3},
             least_steps={'third_order': 0.005},
-            scan='harmonics',
+            scan='odd harmonics',
             scanned='third_order',
             cells=10,
-            tries=(-3.0, -1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0, 3.0),
+            tries=(-0.3, -0.1, -0.03, 0.03, 0.1, 0.3),
         ),
     )
 

@@ -47,7 +47,7 @@ class Recipe:
     scanned: str = ''  # parameter that the scanner finds
     scanned_with: tuple[str, ...] = ()  # further parameters that it finds
     cells: int = 1  # independent starting points among which a scan chooses: what chance is counted over
-    tries: tuple[float, ...] = ()  # values of the scanned parameter, for a scanner that only says where to try
+    tries: tuple[float, ...] = ()  # what a scanner tries that only says where; in its own terms
     repeats: bool = False  # several may act at once, a resolution cell of the scanner apart
 
     # stations and calibration

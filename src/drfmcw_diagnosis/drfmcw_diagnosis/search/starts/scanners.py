@@ -164,10 +164,16 @@ def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
     return bool(len(chances) * min(chances) <= SCAN.suspicion)
 
 
-def _harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
-    """Return the values that the recipe tries, where a station's spectrum or levels suggest a distortion."""
+def _odd_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
+    """Return third-order terms of a curve, 1 at full scale, where a station's spectrum or levels suggest a distortion.
+
+    The strongest line, of amplitude A, loses the shares 3/4 c A^2 that the recipe tries.
+    """
     c, residual = rest.comparison, rest.residual
-    return recipe.tries if _suspicious(c, residual, station) else ()
+    if not _suspicious(c, residual, station):
+        return ()
+    power = 10.0 ** (_strongest(c, station) / 10.0)
+    return tuple(share / (0.75 * power) for share in recipe.tries)
 
 
 def _even_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
@@ -179,8 +185,7 @@ def _even_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
     order, overlap, power = SPECTRUM.harmonics.index(2), 0.0, 0.0
     for i in range(len(c.receivers)) if station < 0 else (station,):
         z = residual[c.entries.where(kind='harmonic', station=i)].reshape(len(c.members), -1)[:, order]
-        full_scale = float(np.median(c.data.full_scale[c.heard[i]]))
-        line = 10.0 ** (c.measured.amplitude[:, i] / 20.0) / full_scale
+        line = 10.0 ** (c.measured.amplitude[:, i] / 20.0) / _full_scale(c, i)
         unit = np.where(z != 0.0, 0.5 * line / c.std.harmonic[:, i, order], 0.0)
         overlap, power = overlap + float(unit @ z), power + float(unit @ unit)
     if power == 0.0 or 2.0 * stats.norm.sf(abs(overlap) / math.sqrt(power)) > SCAN.suspicion:
@@ -189,28 +194,41 @@ def _even_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
 
 
 def _limits(rest: Rest, station: int, recipe: Recipe) -> Values:
-    """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion."""
+    """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion.
+
+    Where samples surely pile up, the limit is there; else it may be at any level.
+    """
     c, residual = rest.comparison, rest.residual
     if not _suspicious(c, residual, station):
         return ()
-    full_scale = 20.0 * math.log10(np.median(c.data.full_scale[c.heard[station]]))
-    strongest = float(c.measured.amplitude[:, station].max()) - full_scale
-    return (*_limit(c, station, full_scale), *np.arange(strongest, strongest - SCAN.deepest, -SCAN.level_step).tolist())
+    piled = c.measured.piled[:, station] / c.std.piled[:, station]
+    most = int(np.argmax(piled))
+    near = _limit(c, station, most) if piled[most] > 0.0 else ()
+    if piled[most] > SCAN.piled:
+        return near
+    strongest = _strongest(c, station)
+    return (*near, *np.arange(strongest, strongest - SCAN.deepest, -SCAN.level_step).tolist())
 
 
-def _limit(c: Comparison, station: int, full_scale: float) -> tuple[float, ...]:
-    """Return limits about that at which a station's samples pile up [dB of full scale]; none where they do not.
+def _limit(c: Comparison, station: int, group: int) -> tuple[float, ...]:
+    """Return limits about that at which a station's samples pile up in a group [dB of full scale].
 
     How many samples pile up depends on the level, which is known less well: a slightly different limit may fit better.
     """
-    piled = c.measured.piled[:, station] / c.std.piled[:, station]
-    most = int(np.argmax(piled))
-    if piled[most] <= 0.0:
-        return ()
     samples = c.data.samples[c.heard[station]]
     assert samples is not None  # of a station that is heard
-    limit = 20.0 * math.log10(np.abs(samples[c.members[most]].astype(int)).max()) - full_scale
+    limit = 20.0 * math.log10(np.abs(samples[c.members[group]].astype(int)).max() / _full_scale(c, station))
     return tuple(limit + above for above in SCAN.above_limit)
+
+
+def _strongest(c: Comparison, station: int) -> float:
+    """Return the level of a station's strongest line [dB of full scale]."""
+    return float(c.measured.amplitude[:, station].max()) - 20.0 * math.log10(_full_scale(c, station))
+
+
+def _full_scale(c: Comparison, station: int) -> float:
+    """Return the full scale of a station's converter [LSB]."""
+    return float(np.median(c.data.full_scale[c.heard[station]]))
 
 
 def _third_harmonic(c: Comparison, residual: np.ndarray, station: int) -> list[float]:
@@ -247,7 +265,7 @@ def _bursts(rest: Rest, station: int, recipe: Recipe) -> Values:
     share = float(np.mean(np.concatenate(shares)))
     sweep = c.data.sweeps[0][c.heard[station]]
     bandwidth = 2.0 * SPECTRUM.line / c.measured.lines.shape[-1]  # that the line's neighbourhood leaves out
-    full_scale = float(np.median(c.data.full_scale[c.heard[station]]))
+    full_scale = _full_scale(c, station)
 
     def level(power: float) -> float:
         return 10.0 * math.log10(2.0 * power / max(1.0 - bandwidth, 0.5) / full_scale**2)
@@ -343,7 +361,7 @@ SCANNERS: dict[str, Scanner] = {
     'oscillation': Scanner(_oscillations),
     'narrow line': Scanner(_free_lines, True, lambda c: SCAN.hann * sweep_resolution(c)),
     'line of the chirp': Scanner(_leaked_lines, True, lambda c: SCAN.hann * sweep_resolution(c)),
-    'harmonics': Scanner(_harmonics, True),
+    'odd harmonics': Scanner(_odd_harmonics, True),
     'even harmonics': Scanner(_even_harmonics),
     'limit': Scanner(_limits, True),
     'bursts': Scanner(_bursts, True),
