@@ -97,11 +97,11 @@ def test_a_clock_beside_a_limiter_may_be_either_stations(tmp_path):
     """
     effects = [
         {'effect': 'clipping', 'station': 'master', 'level': -37.0},
-        {'effect': 'reference_clock_drift', 'station': 'master', 'warmup': -0.8, 'time_constant': 40.0},
+        {'effect': 'reference_clock_drift', 'station': 'master', 'warmup': -0.8, 'time_constant': 8.0},
     ]
     scenario = scene({'standing': STANDING}, effects=effects, reference={'range_std': 0.005}, seed=12)
-    clocks = 'reference_clock_drift', 'reference_clock_offset', 'sample_clock_offset', 'delay_temperature'
-    found = diagnose(record(scenario, tmp_path / 'r'), without=others_than('clipping', 'compression', 'spur', *clocks))
+    searched = 'clipping', 'reference_clock_drift', 'reference_clock_offset', 'sample_clock_offset'
+    found = diagnose(record(scenario, tmp_path / 'r'), without=others_than(*searched))
     assert found.verdict == 'ambiguous'
     named = [
         {(e.effect, e.station) for e in explanation.effects} for explanation in (found.explanation, *found.alternatives)
