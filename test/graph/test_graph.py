@@ -173,8 +173,8 @@ def recorded_drive(tmp_path_factory):
     )
     recording = directory / 'recording'
     with site(directory) as live:
-        # the recorder hears of the fusion's topics after it has started, on a busy machine a second later
-        simulator = {'pace': 'subscribers', 'start': 'scenario', 'window': 20, 'settings_pause': 2.0}
+        # recorder and fusion hear of a station's topics after it has started, on a busy machine three seconds later
+        simulator = {'pace': 'subscribers', 'start': 'scenario', 'window': 20, 'settings_pause': 5.0}
         live.start(path, simulator, recording)
         assert live.wait_for_end('simulator') == 0, live.logs()
         sweeps = int(re.search(r'scenario ended after (\d+) sweeps', live.log('simulator'))[1])
