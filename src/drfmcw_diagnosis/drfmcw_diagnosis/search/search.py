@@ -266,10 +266,9 @@ class Search(Promising):
         Harmonics that come and go from sweep to sweep look like bursts, and only the doubt beside a distortion knows of
         them. So where bursts are best, each distortion is compared with them as if it were there.
         """
-        bursting = [f for f in begun if f.effects[-1].candidate.kind.bursts]
-        if not bursting or bursting[0] is not begun[0]:
-            return begun
         others = [f for f in begun if not f.effects[-1].candidate.kind.bursts]
+        if not others or others[0] is begun[0]:
+            return begun
         for one in others:
             if one.effects[-1].candidate.kind.distorts:
                 whitening = self.whitening_of(one)

@@ -31,7 +31,7 @@ class Compression(Effect, name='compression', of=Of.STATION):
             scan='odd harmonics',
             scanned='third_order',
             cells=10,
-            tries=(-0.3, -0.1, -0.03, 0.03, 0.1, 0.3),
+            tries=(-0.3, -0.1, -0.03, 0.03, 0.1, 0.3),  # shares of the strongest line that are lost
         ),
     )
 
