@@ -83,11 +83,14 @@ class FragmentAssembler:
             frames = self._progress.setdefault(sender, collections.OrderedDict())
             frame = frames.setdefault(piece.number, _Unfinished(piece.count, now))
         if piece.index not in frame.pieces:
+            if len(frame.pieces) + 1 < frame.count:
+                size = len(piece.content) + OVERHEAD
+                if not self._has_room(sender, piece.number, size):
+                    return None
+                frame.size += size
+                self._used[sender] += size
             frame.pieces[piece.index] = piece.content
-            frame.size += len(piece.content) + OVERHEAD
-            self._used[sender] += len(piece.content) + OVERHEAD
         if len(frame.pieces) < frame.count:
-            self._make_room(sender)
             return None
         self._drop(sender, piece.number)
         complete = decode_whole(b''.join(frame.pieces[i] for i in range(frame.count)))
@@ -99,13 +102,18 @@ class FragmentAssembler:
             self._complete.popitem(last=False)
         return complete
 
-    def _make_room(self, sender: Hashable) -> None:
+    def _has_room(self, sender: Hashable, number: int, size: int) -> bool:
+        """Drop frames until a piece of so many bytes is within the bounds; False if its own frame was one of them.
+
+        Another thread that looks at what is `held` never finds more than the bound.
+        """
         if len(self._progress[sender]) > FRAMES_IN_PROGRESS:
             self._drop_oldest(sender)
         while len(self._progress) > SENDERS:
             self._drop_oldest(next(iter(self._progress)))
-        while self.held > self.bound:
-            self._drop_oldest(max(self._used, key=self._used.__getitem__))
+        while number in self._progress.get(sender, ()) and self.held + size > self.bound:
+            self._drop_oldest(max(self._progress, key=lambda each: self._used[each] + size * (each == sender)))
+        return number in self._progress.get(sender, ())
 
     def _drop_overdue(self, now: float) -> None:
         for sender in list(self._progress):
