@@ -42,7 +42,7 @@ class NoiseModel:
         self._counts = np.array(recorded.quiet_counts, float)  # sweeps whose spectra a mean has (G, S)
         self._lines = np.array([sweeps.line.mean(axis=0) for sweeps in recorded.sweeps])
         self._powers *= self._spread(recorded)
-        # by what they depend on
+        # kept by what they depend on
         self._coherences: dict[tuple, np.ndarray] = {}
         self._bands: dict[tuple, np.ndarray] = {}
 

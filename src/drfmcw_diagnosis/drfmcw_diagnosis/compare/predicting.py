@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -322,11 +322,8 @@ class Predictor:
 
         Sweeps as strong as the recorded ones are simulated among the same noise with and without the distortion.
         """
-        effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
-        undistorted = tuple(e for e in effects if not e.distorts)
         result = np.zeros(self.std['burst'].shape)
-        for part in self.recorded.parts:
-            (after, _), (before, _) = (self._of_each_sweep(part, each) for each in (effects, undistorted))
+        for part, (after, _), (before, _) in self._with_and_without(effects):
             result[part.groups[0]] = after - before
         return result
 
@@ -336,15 +333,21 @@ class Predictor:
         It depends on the phases at which the samples meet a limit, hence in each sweep on its own: most where a line
         is near a simple part of the sampling rate. Sweeps are simulated as by `uneven`.
         """
-        effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
-        undistorted = tuple(e for e in effects if not e.distorts)
         result = np.zeros(self.std['noise'].shape)
-        for part in self.recorded.parts:
-            (_, after), (_, before) = (self._of_each_sweep(part, each) for each in (effects, undistorted))
+        for part, (_, after), (_, before) in self._with_and_without(effects):
             result[part.groups] = np.std(np.nan_to_num(after - before), axis=1, ddof=1)
         # the model is the mean of few sweeps, too
-        chance: np.ndarray = np.sqrt(1.0 / SIMULATION.distorted + 1.0 / np.array(self.recorded.quiet_counts))
+        chance: np.ndarray = np.sqrt(1.0 / SIMULATION.distorted + 1.0 / self.recorded.quiet_counts)
         return result * chance[..., None]
+
+    def _with_and_without(
+        self, effects: tuple[Effect, ...]
+    ) -> Iterator[tuple[Part, tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]]:
+        """Yield each part with what `_of_each_sweep` returns with the distortion, and without it."""
+        effects = tuple(e for e in effects if not (e.bursts or e.fluctuates))
+        undistorted = tuple(e for e in effects if not e.distorts)
+        for part in self.recorded.parts:
+            yield part, self._of_each_sweep(part, effects), self._of_each_sweep(part, undistorted)
 
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _of_each_sweep(self, part: Part, effects: tuple[Effect, ...]) -> tuple[np.ndarray, np.ndarray]:

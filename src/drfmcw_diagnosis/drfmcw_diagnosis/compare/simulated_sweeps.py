@@ -108,11 +108,11 @@ class SimulatedSweeps:
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
             features = dataclasses.replace(features, range=features.range - farther)
         if distorting:
-            features = dataclasses.replace(features, power=self._harmonics(part, effects, copies).power)
+            features = dataclasses.replace(features, power=self._harmonics(part, effects, copies))
         return features
 
-    def _harmonics(self, part: Part, effects: tuple[Effect, ...], copies: int) -> SweepFeatures:
-        """Return the mean power of sweeps as strong, and at the frequencies, as those that the recorded spectra hold.
+    def _harmonics(self, part: Part, effects: tuple[Effect, ...], copies: int) -> np.ndarray:
+        """Return mean spectra (G, S, B) of sweeps as strong, and at the frequencies, as those in the recorded spectra.
 
         The few sweeps that alone reach a limit may pass for ones with a burst. A harmonic multiplies by how much its
         line is off: by the jitter, and by what no clock of the explanation accounts for yet.
@@ -127,7 +127,8 @@ class SimulatedSweeps:
         late = (beats - self._noise_free(part, undistorted).beat) / part.extract.beat_per_start_delay
         rows.start_delay += late.ravel()
         align(part, rows, copies, self._recorded.sweeps, effects)
-        return _mean(self._features(part, rows, effects, shape=False), copies)
+        power: np.ndarray = _mean(self._features(part, rows, effects, shape=False), copies).power
+        return power
 
     def drive(self, part: Part, effects: Sequence[Effect]) -> np.ndarray | None:
         """Return the speed of each group's drive (G,) [m/s], None unless a second path's phase turns within a group.
