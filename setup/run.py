@@ -60,6 +60,8 @@ def variables(root, environ):
         result["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
     prepend(result, "LD_LIBRARY_PATH", libraries)
     prepend(result, "PATH", [os.path.join(venv, "bin")])
+    # Not shared memory: a process that was killed and started again may hear nothing through it.
+    result.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     # The arrays are small and the processes many: threads inside NumPy only get into each other's way.
     result.setdefault("OPENBLAS_NUM_THREADS", "1")
     result.setdefault("OMP_NUM_THREADS", "1")

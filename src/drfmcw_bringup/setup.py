@@ -10,6 +10,7 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*']),
+    package_data={NAME: ['*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         ('share/' + NAME, ['package.xml']),
@@ -21,7 +22,7 @@ setup(
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
-    zip_safe=True,
+    zip_safe=False,
     maintainer='drfmcw maintainers',
     maintainer_email='drfmcw@example.com',
     description='Launch files, parameter files and the processes of a whole graph',

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO
 
 from drfmcw_physics.settings import ConfigurationError
+from drfmcw_ros.operation.security import uses_fast_dds
 from drfmcw_ros.work import children
 
 SIMULATOR, STATION, FUSION = 'drfmcw_sim.simulator', 'drfmcw_node.station', 'drfmcw_fusion.fusion'
@@ -31,6 +32,13 @@ _FIRST_DELAY, _LONGEST_DELAY = 0.5, 30.0  # before a restart [s]
 _STABLE = 60.0  # after which a process that dies is restarted as if for the first time [s]
 WRONG_CONFIGURATION = 2
 """Exit status of a process that need not be started again."""
+ON_THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+"""Variables with which any node finds those on this machine, and no others."""
+BY_PROFILE = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('one_machine.xml')),
+}
+"""The same for Fast DDS without shared memory: through that, who was killed and started again may hear nothing."""
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
 _PARTICIPANTS = 32  # of a domain that are looked for: as many as discovery on localhost asks for
@@ -85,8 +93,13 @@ def _lock(domain: int) -> int | None:
 
 
 def private_environment() -> dict[str, str]:
-    """Return this process's environment with a ROS domain of its own, discovered on this machine only."""
-    return os.environ | {'ROS_DOMAIN_ID': str(free_domain_id()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    """Return this process's environment with a ROS domain of its own, discovered on this machine only.
+
+    By our profile of Fast DDS, unless the environment names another one.
+    """
+    environment = os.environ | {'ROS_DOMAIN_ID': str(free_domain_id())}
+    by_ours = uses_fast_dds(environment) and 'FASTRTPS_DEFAULT_PROFILES_FILE' not in environment
+    return environment | (BY_PROFILE if by_ours else ON_THIS_MACHINE)
 
 
 def parameters(values: Mapping[str, object], file: Path | None = None) -> list[str]:

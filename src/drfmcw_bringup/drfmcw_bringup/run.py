@@ -16,7 +16,17 @@ from drfmcw_ros.commands.cli import Parser, guarded
 from drfmcw_ros.commands.config_files import find_config
 from drfmcw_sim.scenario import Scenario, read_scenario
 
-from .graph import FUSION, PAIR_STATION, RECORDER, SIMULATOR, STATION, Graph, parameters, private_environment
+from .graph import (
+    FUSION,
+    ON_THIS_MACHINE,
+    PAIR_STATION,
+    RECORDER,
+    SIMULATOR,
+    STATION,
+    Graph,
+    parameters,
+    private_environment,
+)
 from .monitor import RangeMonitor, monitored
 
 _ESTIMATOR = declared_parameters(EstimatorSettings)['estimator'][1]
@@ -124,8 +134,8 @@ def watch(graph: Graph, monitor: RangeMonitor, pairs: Sequence[str], console: Co
 
 def joining(environment: Mapping[str, str]) -> str:
     """Return the line that says how other commands join a graph that has a ROS domain of its own."""
-    names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-    return 'to join this graph: export ' + ' '.join(f'{name}={environment[name]}' for name in names)
+    needed = {'ROS_DOMAIN_ID': environment['ROS_DOMAIN_ID']} | ON_THIS_MACHINE
+    return 'to join this graph: export ' + ' '.join(f'{name}={value}' for name, value in needed.items())
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -14,7 +14,7 @@ from drfmcw_bringup.doctor import machine
 from drfmcw_bringup.doctor.files import check_file
 from drfmcw_bringup.doctor.finding import ERROR, OK, WARN
 from drfmcw_bringup.doctor.graph import check_graph
-from drfmcw_bringup.graph import free_domain_id
+from drfmcw_bringup.graph import BY_PROFILE, ON_THIS_MACHINE, free_domain_id
 from drfmcw_ros.graph import qos
 from drfmcw_ros.nodes.runner import spinning
 
@@ -36,6 +36,10 @@ FILES = [p for p in (*CONFIG.glob('*.yaml'), *CONFIG.glob('hardware/*.yaml')) if
         ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, 'range', WARN),
         ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF', 'ROS_STATIC_PEERS': '10.0.0.2'}, 'range', OK),
         ({'ROS_LOCALHOST_ONLY': '1'}, 'range', WARN),
+        ({}, 'transport', WARN),
+        ({'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}, 'transport', OK),
+        ({'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4', **ON_THIS_MACHINE}, 'transport', WARN),  # which overrides it
+        (BY_PROFILE, 'transport', OK),
     ],
 )
 def test_environment(variables, subject, level):

@@ -1,9 +1,29 @@
 """A graph of one's own gets a domain in which nobody else is."""
 
 import contextlib
+import json
+import os
 import socket
+import subprocess
+import sys
 
-from drfmcw_bringup.graph import free_domain_id
+import pytest
+
+from drfmcw_bringup.graph import free_domain_id, private_environment
+from drfmcw_ros.operation.security import uses_fast_dds
+
+PARTICIPANT = """
+import json, os, rclpy
+from pathlib import Path
+
+rclpy.init()
+node = rclpy.create_node('participant')
+mapped = [line for line in Path('/proc/self/maps').read_text().splitlines() if '/dev/shm/fastrtps' in line]
+own = {os.readlink(link) for link in Path('/proc/self/fd').iterdir() if link.is_symlink()}
+bound = [line.split() for line in Path('/proc/self/net/udp').read_text().splitlines()[1:]]
+print(json.dumps([mapped, [columns[1] for columns in bound if f'socket:[{columns[9]}]' in own]]))
+"""
+"""A node: what it maps of Fast DDS's shared memory, and the addresses (hexadecimal) and ports that it listens to."""
 
 
 def test_domain_is_taken_while_any_of_its_participants_runs():
@@ -17,3 +37,13 @@ def test_domain_is_taken_while_any_of_its_participants_runs():
         found = [free_domain_id() for _ in range(6)]
         assert set(found) <= quiet
         assert len(set(found)) == len(found)
+
+
+@pytest.mark.skipif(not uses_fast_dds(os.environ), reason='our profile is one of Fast DDS')
+def test_nodes_of_a_private_environment_talk_over_the_loopback_alone():
+    """Not through shared memory, which may leave one deaf that was killed and started again."""
+    command = [sys.executable, '-c', PARTICIPANT]
+    done = subprocess.run(command, env=private_environment(), capture_output=True, text=True, timeout=60, check=True)
+    mapped, bound = json.loads(done.stdout.splitlines()[-1])
+    assert not mapped
+    assert bound and {address.partition(':')[0] for address in bound} == {'0100007F'}  # 127.0.0.1

@@ -12,8 +12,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from drfmcw_physics.settings import ConfigurationError
-from drfmcw_ros.operation.security import refuse_pretence
+from drfmcw_ros.operation.security import refuse_pretence, uses_fast_dds
 
+from ..graph import BY_PROFILE
 from .finding import ERROR, OK, WARN, Finding
 
 _LARGEST_SAFE_DOMAIN, _LARGEST_DOMAIN = 101, 232  # of DDS's ports: clear of Linux's ephemeral ones, and at all
@@ -67,10 +68,26 @@ def environment(environ: Mapping[str, str]) -> Iterator[Finding]:
             'ROS_LOCALHOST_ONLY=1 overrides ROS_AUTOMATIC_DISCOVERY_RANGE and is deprecated',
             'unset it, and set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST',
         )
+    if uses_fast_dds(environ):
+        yield _transport(environ, wanted == 'LOCALHOST')
     try:
         refuse_pretence(environ)
     except ConfigurationError as error:
         yield Finding(ERROR, 'security', str(error), 'see docs/security.md')
+
+
+def _transport(environ: Mapping[str, str], on_this_machine: bool) -> Finding:
+    if 'FASTRTPS_DEFAULT_PROFILES_FILE' in environ:
+        return Finding(OK, 'transport', f'as {environ["FASTRTPS_DEFAULT_PROFILES_FILE"]} has it')
+    if environ.get('FASTDDS_BUILTIN_TRANSPORTS', '').startswith('UDP') and not on_this_machine:
+        return Finding(OK, 'transport', 'UDP')
+    needed = BY_PROFILE if on_this_machine else {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
+    return Finding(
+        WARN,
+        'transport',
+        'shared memory: a node that is killed and started again may hear nothing',
+        'export ' + ' '.join(f'{name}={value}' for name, value in needed.items()),
+    )
 
 
 def _domain(text: str) -> Finding:

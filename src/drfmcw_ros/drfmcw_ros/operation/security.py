@@ -35,9 +35,14 @@ _LIFECYCLE_SERVICES = (
 )
 
 
+def uses_fast_dds(environ: Mapping[str, str]) -> bool:
+    """Return whether a node will load Fast DDS, not another middleware."""
+    return environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp').startswith('rmw_fastrtps')
+
+
 def fast_dds_is_secure(environ: Mapping[str, str]) -> bool | None:
     """Return whether the Fast DDS that a node will load has security; None where another middleware is asked for."""
-    if not environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp').startswith('rmw_fastrtps'):
+    if not uses_fast_dds(environ):
         return None
     folders = environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)
     for path in (Path(folder) / _LIBRARY for folder in folders if folder):
