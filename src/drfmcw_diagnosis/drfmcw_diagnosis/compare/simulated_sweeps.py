@@ -16,7 +16,6 @@ from drfmcw_sim.measurements import Measurements
 from drfmcw_sim.synthesis.signal_model import synthesise
 
 from ..features.extractor import SweepFeatures, ramp_spectrum
-from ..features.limits import SPECTRUM
 from .groups import Part, acted, align, in_phase, move
 from .limits import SIMULATION
 from .recorded_sweeps import RecordedSweeps
@@ -271,14 +270,8 @@ class SimulatedSweeps:
         """
         rows = self._raised(part, levels)
         align(part, rows, len(levels), self._recorded.sweeps, effects)
-        bins = plain.power.shape[-1]
-        width = part.extract.sweeps[self._recorded.topology.heard[0]].sample_rate / 2.0 / (bins - 1)
-        near = np.abs(np.arange(bins) * width - plain.line[..., None]) < SPECTRUM.line * width
-        power = self._features(part, rows, effects, shape=False).power.reshape(len(levels), *plain.power.shape)
-        rise: np.ndarray = 10.0 * np.log10(
-            np.sum(power, axis=-1, where=near) / np.sum(plain.power, axis=-1, where=near)
-        )
-        return rise
+        lines = self._features(part, rows, effects).amplitude.reshape(len(levels), *plain.amplitude.shape)
+        return lines - plain.amplitude
 
     def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
         """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""

@@ -168,7 +168,7 @@ def _line(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> _Line | 
             shown = np.abs(added[rows].reshape(len(c.members), -1))
             at, bins = int(np.argmax(np.sum(shown**2, axis=0))), np.arange(shown.shape[1])
             near = np.abs(bins - at) <= LIMITS.about
-            if float(np.sum(shown[:, near] ** 2)) < LIMITS.by_line * total:
+            if float(np.sum(shown[:, near] ** 2)) <= LIMITS.by_line * total:  # also where it adds nothing
                 continue
             power = np.sum(shown[:, near] ** 3, axis=0)  # of which numbers are the cube root, as normals
             place = float(np.average(bins[near], weights=power))

@@ -29,6 +29,8 @@ class PhaseNoise(Effect, name='phase_noise', of=Of.STATION):
             together=True,
             added_to={'level': 'phase_noise_level'},
             times={'corner': 'phase_noise_corner'},
+            # loops of synthesisers; noise of wider ones would take power from the line as a loss does, out of sight
+            limits={'corner': (100.0, 1e6)},
             trust={'level': 0.15, 'corner': 0.03},
         ),
     )
