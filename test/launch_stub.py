@@ -95,6 +95,7 @@ class Node:
     respawn_delay: float | None = None
     on_exit: Callable[[Any, Context], Any] | None = None
     output: str = 'log'
+    additional_env: Mapping[str, str] | None = None
 
     def execute(self, context: Context) -> None:
         def performed(value: Any) -> Any:

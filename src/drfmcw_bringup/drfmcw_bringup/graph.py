@@ -39,6 +39,8 @@ BY_PROFILE = {
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('one_machine.xml')),
 }
 """The same for Fast DDS without shared memory: through that, who was killed and started again may hear nothing."""
+OVER_UDP = {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
+"""Without shared memory too, where nodes are looked for on other machines as well."""
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
 _PARTICIPANTS = 32  # of a domain that are looked for: as many as discovery on localhost asks for

@@ -17,7 +17,7 @@ from drfmcw_physics.settings import ConfigurationError, Parameter, check_value, 
 from drfmcw_ros.calibration.store import state_directory
 from drfmcw_ros.commands.config_files import find_config
 
-from .graph import WRONG_CONFIGURATION
+from .graph import OVER_UDP, WRONG_CONFIGURATION
 
 RESPAWN_DELAY = 2.0
 """Before a process that died is started again [s]."""
@@ -123,6 +123,20 @@ def positive(name: str, text: str) -> float:
     if not 0.0 < value < float('inf'):
         raise ConfigurationError(f'{name}:={text}: give a number above zero, such as 1.0 or 2.5')
     return value
+
+
+def restarted() -> dict[str, Any]:
+    """Return the arguments of a node that is started again when it dies, and then hears the others.
+
+    Unless the environment chooses the transport of Fast DDS.
+    """
+    return {
+        'respawn': True,
+        'respawn_delay': RESPAWN_DELAY,
+        'on_exit': end_if_misconfigured,
+        'output': 'screen',
+        'additional_env': {name: value for name, value in OVER_UDP.items() if name not in os.environ},
+    }
 
 
 def end_if_misconfigured(event: Any, context: Any) -> None:

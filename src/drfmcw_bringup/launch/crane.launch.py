@@ -51,12 +51,7 @@ def nodes(context):
     simulated = LaunchConfiguration('simulate').perform(context) == 'true'
     pairs = [] if simulated else launching.pairs_in(given['parameters'])
     pairs = pairs or [f'{pair.first}/{pair.second}' for pair in read_scenario(path).pairs]
-    restarted = {
-        'respawn': True,
-        'respawn_delay': launching.RESPAWN_DELAY,
-        'on_exit': launching.end_if_misconfigured,
-        'output': 'screen',
-    }
+    restarted = launching.restarted()
     started = [Node(package='drfmcw_fusion', executable='fusion', parameters=[{'pairs': pairs}, *files], **restarted)]
     if launching.has_node(given['parameters'], 'frames'):
         started.append(Node(package='drfmcw_fusion', executable='frames', parameters=files, **restarted))

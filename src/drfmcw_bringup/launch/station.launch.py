@@ -38,9 +38,6 @@ def node(context):
             executable='station',
             namespace=station,
             parameters=[*files, {'station': station} | launching.station_parameters(given)],
-            respawn=True,
-            respawn_delay=launching.RESPAWN_DELAY,
-            on_exit=launching.end_if_misconfigured,
-            output='screen',
+            **launching.restarted(),
         )
     ]

@@ -24,9 +24,6 @@ def generate_launch_description():
         executable='watch',
         namespace=LaunchConfiguration('pair'),
         parameters=[{name: ParameterValue(LaunchConfiguration(name), value_type=str) for name in names}],
-        respawn=True,
-        respawn_delay=launching.RESPAWN_DELAY,
-        on_exit=launching.end_if_misconfigured,
-        output='screen',
+        **launching.restarted(),
     )
     return LaunchDescription([*arguments, node])

@@ -203,6 +203,16 @@ def test_every_node_that_dies_comes_back_but_after_a_wrong_configuration(command
         assert all(exited(node, status) is None for status in (0, 1, -signal.SIGKILL, -signal.SIGSEGV))
 
 
+@pytest.mark.parametrize('command', LAUNCHES)
+def test_every_node_that_comes_back_hears_the_others(command, monkeypatch):
+    """Not so through shared memory; unless the environment chooses that."""
+    for given, added in ((None, {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}), ('SHM', {})):
+        monkeypatch.delenv('FASTDDS_BUILTIN_TRANSPORTS', raising=False)
+        if given is not None:
+            monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', given)
+        assert all(n.additional_env == added for n in described(command) if n.executable != 'simulator')
+
+
 def test_the_end_of_the_scenario_ends_the_launch_and_that_of_the_simulator_fails_it():
     simulator = described('crane.launch.py')[-1]
     assert not simulator.respawn, 'the scenario would begin again'

@@ -1,6 +1,7 @@
 """Which effects a recording demands: added one by one, dropped again, and exchanged for better ones."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -59,9 +60,12 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         if fewer is not None:
             current = fewer
             continue
-        if not exchanged or exchanged[0].evidence < current.evidence + SELECTION.better:
+        better = exchanged[0] if exchanged else current
+        if better.evidence < current.evidence + SELECTION.better:
+            better = _exchanged_twice(search, current, exchanged)
+        if better.evidence < current.evidence + SELECTION.better:
             break
-        current = exchanged[0]
+        current = better
         current, _, more = forward(search, current, false_alarm_rate)
         current = pruned(search, current, false_alarm_rate)
         rounds += more
@@ -169,6 +173,34 @@ def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm
             if less is not None and len(less.effects) < len(current.effects) and less.evidence > current.evidence:
                 return less
     return None
+
+
+def _exchanged_twice(search: Search, current: Fitted, exchanged: list[Fitted]) -> Fitted:
+    """Return the likeliest explanation with two effects exchanged where one may be of any size, else the present one.
+
+    A strong effect may stand for two that are there; what it cannot follow is then left to one that has hardly a shape
+    of its own. Neither is exchanged for the right one while the other stays.
+    """
+    near = [f for f in exchanged if f.evidence > current.evidence - SELECTION.better]
+    if not any(_of_another_size(current, f) for f in near):
+        return current
+    for other in exchanged:
+        if other.freedom < current.freedom and other.keys != current.keys:
+            return max([current, *search.exchanges(other)], key=lambda f: f.evidence)
+    return current
+
+
+def _of_another_size(one: Fitted, other: Fitted) -> bool:
+    """Return whether explanations by the same effects have one of them in quite another size."""
+    if one.keys != other.keys or one.free != other.free:
+        return False
+    for effect, rival in itertools.product(one.effects, other.effects):
+        recipe = effect.candidate.recipe
+        if effect.key == rival.key and recipe.may_vanish:
+            size, its_size = effect.values[recipe.size], rival.values[recipe.size]
+            if abs(its_size - size) > SELECTION.another_size * abs(size):
+                return True
+    return False
 
 
 def forward(
