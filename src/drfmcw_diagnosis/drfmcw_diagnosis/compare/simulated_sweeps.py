@@ -270,8 +270,8 @@ class SimulatedSweeps:
         """
         rows = self._raised(part, levels)
         align(part, rows, len(levels), self._recorded.sweeps, effects)
-        lines = self._features(part, rows, effects).amplitude.reshape(len(levels), *plain.amplitude.shape)
-        return lines - plain.amplitude
+        lines = part.extract.amplitude(self._heard(part, rows, effects))
+        return lines.reshape(len(levels), *plain.amplitude.shape) - plain.amplitude
 
     def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
         """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
@@ -296,17 +296,23 @@ class SimulatedSweeps:
         shape: bool = True,
     ) -> SweepFeatures:
         """Return features of simulated sweeps, only those that are wanted; `copies` as for `synthesise`."""
-        if noise or not any(effect.distorts for effect in effects):
-            samples = synthesise(rows, 0, effects, noise, False, copies)
-        else:
-            samples = self._mean_samples(part, rows, effects, copies)
-        heard = tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
+        heard = self._heard(part, rows, effects, noise, copies)
         full_scale = rows.stations[self._recorded.heard[0]].full_scale
         found = part.extract(heard, full_scale, rows.refractive_index, harmonic, quiet, noisy=False, shape=shape)
         if not shape:
             return found
         group = np.resize(part.groups, len(rows))
         return dataclasses.replace(found, ramp=self._recorded.without_uneven(found.ramp, group))
+
+    def _heard(
+        self, part: Part, rows: Measurements, effects: Sequence[Effect], noise: bool = False, copies: int = 1
+    ) -> tuple[np.ndarray, ...]:
+        """Return samples of each station with samples (n, N), with iq (n, 2 N) [LSB]; `copies` as for `synthesise`."""
+        if noise or not any(effect.distorts for effect in effects):
+            samples = synthesise(rows, 0, effects, noise, False, copies)
+        else:
+            samples = self._mean_samples(part, rows, effects, copies)
+        return tuple(samples[i].reshape(len(rows), -1) for i in self._recorded.heard)
 
     def _mean_samples(
         self, part: Part, rows: Measurements, effects: Sequence[Effect], copies: int

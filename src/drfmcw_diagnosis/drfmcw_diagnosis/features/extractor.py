@@ -27,7 +27,7 @@ phase. Where it hears itself, most of its oscillator's noise cancels because the
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import scipy.fft
@@ -165,10 +165,7 @@ class Extractor:
             (surges.measured, quiet),
         )
         taken = tuple(f for f, wanted in functions if wanted)
-        parts = [
-            self._chunk(tuple(x[i : i + 64] for x in samples), full_scale, taken, noisy, shape)
-            for i in range(0, len(samples[0]), 64)
-        ]
+        parts = [self._chunk(chunk, full_scale, taken, noisy, shape) for chunk in _chunks(samples)]
         found = [np.concatenate(values) for values in zip(*parts, strict=True)]
         ramp, power, line, mean, ends, begun, baseline, fading, beat, amplitude, *rest = found
         delay, std, carrier, phase_std, *rest = rest
@@ -197,6 +194,10 @@ class Extractor:
             carrier=carrier,
             phase_std=phase_std,
         )
+
+    def amplitude(self, samples: tuple[np.ndarray, ...]) -> np.ndarray:
+        """Return `amplitude` of sweeps alone (n, S) [dB of 1 LSB]; `samples` as above."""
+        return np.concatenate([self._ramp(self.estimator.basebands(chunk))[1] for chunk in _chunks(samples)])
 
     @property
     def covered(self) -> int:
@@ -456,6 +457,12 @@ def spans(sweep: SweepSettings) -> np.ndarray:
     ]
     each = np.stack([w / w.sum() for w in windows], axis=1)
     return each - each[:, -SPECTRUM.spans :].mean(axis=1, keepdims=True)
+
+
+def _chunks(samples: tuple[np.ndarray, ...]) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yield the samples of each station (n, N) some sweeps at a time."""
+    for first in range(0, len(samples[0]), SPECTRUM.chunk):
+        yield tuple(x[first : first + SPECTRUM.chunk] for x in samples)
 
 
 def as_complex(samples: np.ndarray, iq: bool) -> np.ndarray:

@@ -94,6 +94,9 @@ class SineLimits:
 class SpectrumLimits:
     """How spectra and series are taken."""
 
+    chunk: int = 64
+    """Sweeps whose spectra are held at once; chosen: more do not stay in the processor's caches."""
+
     bands: int = 8
     """Bands of equal width in which the noise is compared; chosen."""
 
