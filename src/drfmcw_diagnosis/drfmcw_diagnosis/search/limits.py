@@ -219,10 +219,6 @@ class SelectionLimits:
     exchanged: int = 3
     """Times at most; chosen."""
 
-    another_size: float = 3.0
-    """Difference of an effect's size in two explanations as likely, over the size, from which on it has none [1];
-    chosen."""
-
     hopeful: float = 0.15
     """Share of a remainder that one more effect must explain, where the remainder is far beyond chance and two effects
     are there already [1]; chosen: what explains less imitates a part of something unknown."""

@@ -1,7 +1,6 @@
 """Which effects a recording demands: added one by one, dropped again, and exchanged for better ones."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 
@@ -34,6 +33,8 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
     current = pruned(search, current, false_alarm_rate)
     if current is None:
         current, significance = _bent_alone(search, rounds, significance, false_alarm_rate)
+    else:
+        current = _begun_otherwise(search, current, rounds, false_alarm_rate)
     exchanged: list[Fitted] = []
     united: list[Fitted] = []
     for _ in range(SELECTION.exchanged):
@@ -60,12 +61,9 @@ def searched(search: Search, false_alarm_rate: float) -> Found:
         if fewer is not None:
             current = fewer
             continue
-        better = exchanged[0] if exchanged else current
-        if better.evidence < current.evidence + SELECTION.better:
-            better = _exchanged_twice(search, current, exchanged)
-        if better.evidence < current.evidence + SELECTION.better:
+        if not exchanged or exchanged[0].evidence < current.evidence + SELECTION.better:
             break
-        current = better
+        current = exchanged[0]
         current, _, more = forward(search, current, false_alarm_rate)
         current = pruned(search, current, false_alarm_rate)
         rounds += more
@@ -79,6 +77,29 @@ def _grown(search: Search, begun: Fitted, rounds: list[list[Fitted]], false_alar
     rounds += more
     found = pruned(search, grown, false_alarm_rate) or begun
     return search.trusted(found)
+
+
+def _begun_otherwise(search: Search, current: Fitted, rounds: list[list[Fitted]], false_alarm_rate: float) -> Fitted:
+    """Return the likelier explanation: the present one, or one that begins with another effect of the first round.
+
+    Tried where one effect is at both stations and shapes both chirps. The strong one may stand for two at one station,
+    as a settling for one of a ramp that begins late, and leave to the other what it cannot follow. Neither is then
+    exchanged for the right one while the other stays.
+    """
+    shaping = [effect.candidate.effect for effect in current.effects if effect.candidate.kind.shapes_chirp]
+    if len(set(shaping)) == len(shaping):
+        return current
+    names = {name for name, _ in current.keys}
+    other = next((f for f in rounds[0] if f.certain and not names & {name for name, _ in f.keys}), None)
+    if other is None:
+        return current
+    grown, _, more = forward(search, other, false_alarm_rate)
+    grown = pruned(search, grown, false_alarm_rate)
+    current = search.trusted(current)  # both by the same doubt
+    if grown is None or search.again(grown).evidence < current.evidence + SELECTION.better:
+        return current
+    rounds += more
+    return search.trusted(grown)
 
 
 def _bent_alone(
@@ -173,34 +194,6 @@ def _fewer(search: Search, current: Fitted, exchanged: list[Fitted], false_alarm
             if less is not None and len(less.effects) < len(current.effects) and less.evidence > current.evidence:
                 return less
     return None
-
-
-def _exchanged_twice(search: Search, current: Fitted, exchanged: list[Fitted]) -> Fitted:
-    """Return the likeliest explanation with two effects exchanged where one may be of any size, else the present one.
-
-    A strong effect may stand for two that are there; what it cannot follow is then left to one that has hardly a shape
-    of its own. Neither is exchanged for the right one while the other stays.
-    """
-    near = [f for f in exchanged if f.evidence > current.evidence - SELECTION.better]
-    if not any(_of_another_size(current, f) for f in near):
-        return current
-    for other in exchanged:
-        if other.freedom < current.freedom and other.keys != current.keys:
-            return max([current, *search.exchanges(other)], key=lambda f: f.evidence)
-    return current
-
-
-def _of_another_size(one: Fitted, other: Fitted) -> bool:
-    """Return whether explanations by the same effects have one of them in quite another size."""
-    if one.keys != other.keys or one.free != other.free:
-        return False
-    for effect, rival in itertools.product(one.effects, other.effects):
-        recipe = effect.candidate.recipe
-        if effect.key == rival.key and recipe.may_vanish:
-            size, its_size = effect.values[recipe.size], rival.values[recipe.size]
-            if abs(its_size - size) > SELECTION.another_size * abs(size):
-                return True
-    return False
 
 
 def forward(
