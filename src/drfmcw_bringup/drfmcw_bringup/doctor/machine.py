@@ -3,6 +3,7 @@
 import ctypes
 import importlib.metadata
 import os
+import shlex
 import shutil
 import socket
 import struct
@@ -86,7 +87,7 @@ def _transport(environ: Mapping[str, str], on_this_machine: bool) -> Finding:
         WARN,
         'transport',
         'shared memory: a node that is killed and started again may hear nothing',
-        'export ' + ' '.join(f'{name}={value}' for name, value in needed.items()),
+        'export ' + ' '.join(f'{name}={shlex.quote(value)}' for name, value in needed.items()),
     )
 
 

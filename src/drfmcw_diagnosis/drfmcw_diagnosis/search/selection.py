@@ -86,20 +86,22 @@ def _begun_otherwise(search: Search, current: Fitted, rounds: list[list[Fitted]]
     as a settling for one of a ramp that begins late, and leave to the other what it cannot follow. Neither is then
     exchanged for the right one while the other stays.
     """
-    shaping = [effect.candidate.effect for effect in current.effects if effect.candidate.kind.shapes_chirp]
-    if len(set(shaping)) == len(shaping):
+    shaping = {e.key for e in current.effects if e.candidate.kind.shapes_chirp}
+    if len({name for name, _ in shaping}) == len(shaping):
         return current
     names = {name for name, _ in current.keys}
     other = next((f for f in rounds[0] if f.certain and not names & {name for name, _ in f.keys}), None)
     if other is None:
         return current
+    aside = search.set_aside
     grown, _, more = forward(search, other, false_alarm_rate)
     grown = pruned(search, grown, false_alarm_rate)
-    current = search.trusted(current)  # both by the same doubt
-    if grown is None or search.again(grown).evidence < current.evidence + SELECTION.better:
+    present = search.trusted(current)  # both by the same doubt
+    if grown is None or search.again(grown).evidence < present.evidence + SELECTION.better:
+        search.set_aside = aside
         return current
     rounds += more
-    return search.trusted(grown)
+    return grown
 
 
 def _bent_alone(
