@@ -34,13 +34,15 @@ WRONG_CONFIGURATION = 2
 """Exit status of a process that need not be started again."""
 ON_THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 """Variables with which any node finds those on this machine, and no others."""
+PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+"""Variable that names a profile of Fast DDS."""
 BY_PROFILE = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
-    'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('one_machine.xml')),
+    PROFILES: str(Path(__file__).with_name('one_machine.xml')),
 }
-"""The same for Fast DDS without shared memory: through that, who was killed and started again may hear nothing."""
+"""The same, without shared memory: through it, a process that was killed and started again may hear nothing."""
 OVER_UDP = {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
-"""Without shared memory too, where nodes are looked for on other machines as well."""
+"""Variables that keep Fast DDS from shared memory where nodes find others on several machines."""
 _LARGEST_DOMAIN = 101  # that stays clear of the ephemeral ports on Linux
 _DISCOVERY_PORT, _DOMAIN_GAIN = 7400, 250  # of DDS (RTPS 2.2, 9.6.1.1)
 _PARTICIPANTS = 32  # of a domain that are looked for: as many as discovery on localhost asks for
@@ -100,7 +102,7 @@ def private_environment() -> dict[str, str]:
     By our profile of Fast DDS, unless the environment names another one.
     """
     environment = os.environ | {'ROS_DOMAIN_ID': str(free_domain_id())}
-    by_ours = uses_fast_dds(environment) and 'FASTRTPS_DEFAULT_PROFILES_FILE' not in environment
+    by_ours = uses_fast_dds(environment) and PROFILES not in environment
     return environment | (BY_PROFILE if by_ours else ON_THIS_MACHINE)
 
 

@@ -126,9 +126,9 @@ def positive(name: str, text: str) -> float:
 
 
 def restarted() -> dict[str, Any]:
-    """Return the arguments of a node that is started again when it dies, and then hears the others.
+    """Return the arguments of a node that is started again when it dies.
 
-    Unless the environment chooses the transport of Fast DDS.
+    It then hears the others, unless the environment chooses another transport of Fast DDS.
     """
     return {
         'respawn': True,

@@ -15,7 +15,7 @@ from pathlib import Path
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.operation.security import refuse_pretence, uses_fast_dds
 
-from ..graph import BY_PROFILE, OVER_UDP
+from ..graph import BY_PROFILE, OVER_UDP, PROFILES
 from .finding import ERROR, OK, WARN, Finding
 
 _LARGEST_SAFE_DOMAIN, _LARGEST_DOMAIN = 101, 232  # of DDS's ports: clear of Linux's ephemeral ones, and at all
@@ -78,8 +78,8 @@ def environment(environ: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _transport(environ: Mapping[str, str], on_this_machine: bool) -> Finding:
-    if 'FASTRTPS_DEFAULT_PROFILES_FILE' in environ:
-        return Finding(OK, 'transport', f'as {environ["FASTRTPS_DEFAULT_PROFILES_FILE"]} has it')
+    if PROFILES in environ:
+        return Finding(OK, 'transport', f'as {environ[PROFILES]} has it')
     if environ.get('FASTDDS_BUILTIN_TRANSPORTS', '').startswith('UDP') and not on_this_machine:
         return Finding(OK, 'transport', 'UDP')
     needed = BY_PROFILE if on_this_machine else OVER_UDP

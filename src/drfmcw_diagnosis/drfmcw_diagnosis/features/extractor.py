@@ -196,7 +196,7 @@ class Extractor:
         )
 
     def amplitude(self, samples: tuple[np.ndarray, ...]) -> np.ndarray:
-        """Return `amplitude` of sweeps alone (n, S) [dB of 1 LSB]; `samples` as above."""
+        """Return only the amplitude of each line (n, S) [dB of 1 LSB], of `samples` as a call takes them."""
         return np.concatenate([self._ramp(self.estimator.basebands(chunk))[1] for chunk in _chunks(samples)])
 
     @property

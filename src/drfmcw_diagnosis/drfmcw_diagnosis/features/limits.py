@@ -95,7 +95,7 @@ class SpectrumLimits:
     """How spectra and series are taken."""
 
     chunk: int = 64
-    """Sweeps whose spectra are held at once; chosen: more do not stay in the processor's caches."""
+    """Sweeps whose features are computed at once [1]; chosen."""
 
     bands: int = 8
     """Bands of equal width in which the noise is compared; chosen."""

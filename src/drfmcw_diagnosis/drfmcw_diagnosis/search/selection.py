@@ -94,10 +94,10 @@ def _begun_otherwise(search: Search, current: Fitted, rounds: list[list[Fitted]]
     if other is None:
         return current
     aside = search.set_aside
-    grown, _, more = forward(search, other, false_alarm_rate)
-    grown = pruned(search, grown, false_alarm_rate)
+    more: list[list[Fitted]] = []
+    grown = _grown(search, other, more, false_alarm_rate)
     present = search.trusted(current)  # both by the same doubt
-    if grown is None or search.again(grown).evidence < present.evidence + SELECTION.better:
+    if search.again(grown).evidence < present.evidence + SELECTION.better:
         search.set_aside = aside
         return current
     rounds += more

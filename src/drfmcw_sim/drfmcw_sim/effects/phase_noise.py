@@ -29,7 +29,7 @@ class PhaseNoise(Effect, name='phase_noise', of=Of.STATION):
             together=True,
             added_to={'level': 'phase_noise_level'},
             times={'corner': 'phase_noise_corner'},
-            # loops of synthesisers; noise of wider ones would take power from the line as a loss does, out of sight
+            # no synthesiser's loop is wider; such noise would take power from the line unseen, as a loss does
             limits={'corner': (100.0, 1e6)},
             trust={'level': 0.15, 'corner': 0.03},
         ),
