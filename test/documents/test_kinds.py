@@ -15,7 +15,7 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.compare.kinds.kind import Of
 from drfmcw_diagnosis.finding.views import locations, misfit_map, series
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 
 PAGE = ROOT / 'docs/extending.md'

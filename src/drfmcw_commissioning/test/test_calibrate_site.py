@@ -18,7 +18,7 @@ from drfmcw_commissioning.site.result import corrected
 from drfmcw_commissioning.site.separability import Separability
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.starts.bank import Candidate as Searched
 from drfmcw_fusion.combination import combine
 from drfmcw_fusion.displacement import displacement, with_line

@@ -35,8 +35,8 @@ from .recording.dataset import Dataset, read_dataset
 from .recording.thinning import representative, shortened
 from .scene.judge import examine
 from .scene.ramps.ramp import Ramp
-from .search.fitted import Fitted, FittedEffect
-from .search.fitting import Fitting
+from .search.fits.fitted import Fitted, FittedEffect
+from .search.fits.fitting import Fitting
 from .search.leftovers import leftovers
 from .search.search import Search
 from .search.selection import searched

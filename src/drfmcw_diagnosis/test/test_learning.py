@@ -13,7 +13,7 @@ from drfmcw_diagnosis.finding.refined import write_scenario
 from drfmcw_diagnosis.finding.result import Remainder
 from drfmcw_diagnosis.learn.smoothing import Covariate, Sample, smooth
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.starts.bank import Candidate, recipes
 from drfmcw_sim.effects import ActsOn, Effect, Of, Stage

@@ -42,8 +42,8 @@ from drfmcw_diagnosis.next.instruments import (
 )
 from drfmcw_diagnosis.next.ranking import measurements, ranked
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitted import Fitted, FittedEffect
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_sim.effects import Effect
 

@@ -10,7 +10,7 @@ from drfmcw_diagnosis.features.adc_codes import evenness, piled
 from drfmcw_diagnosis.features.limits import CODES
 from drfmcw_diagnosis.finding.views import locations
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.draws import Extent, random_condition

@@ -12,7 +12,7 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.starts.bank import Candidate, candidates, recipes
 from drfmcw_diagnosis.search.starts.scanners import SCANNERS, starting_points

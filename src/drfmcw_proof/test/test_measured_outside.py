@@ -6,7 +6,7 @@ import pytest
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.finding.measured import measured_remainder
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_proof.cases.concealing import Applied, conceal
 from drfmcw_proof.cases.draws import Extent, random_condition

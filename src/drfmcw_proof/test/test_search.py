@@ -13,8 +13,8 @@ from drfmcw_diagnosis.features.limits import SPECTRUM
 from drfmcw_diagnosis.judging.rivals import rivals, widened
 from drfmcw_diagnosis.judging.verdict import judged
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect, Freedom
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitted import Fitted, FittedEffect, Freedom
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.limits import SEARCH
 from drfmcw_diagnosis.search.search import Search

@@ -17,8 +17,8 @@ from drfmcw_diagnosis.judging.rivals import rivals
 from drfmcw_diagnosis.next.ranking import ranked
 from drfmcw_diagnosis.recording.dataset import Dataset, read_dataset
 from drfmcw_diagnosis.recording.thinning import representative
-from drfmcw_diagnosis.search.fitted import Fitted, FittedEffect
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitted import Fitted, FittedEffect
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.starts.bank import Candidate as Searched
 from drfmcw_physics.oscillators import Calibration

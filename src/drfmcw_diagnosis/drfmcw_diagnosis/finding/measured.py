@@ -11,7 +11,7 @@ from drfmcw_sim.synthesis.measured import write_measured
 from ..compare.comparison import Comparison
 from ..learn.curves import Curve
 from ..learn.learning import Learnt, learnt
-from ..search.fitted import Fitted
+from ..search.fits.fitted import Fitted
 from ..search.leftovers import Leftover
 from .limits import REPEATS, VIEWS
 from .result import BeforeAfter, MeasuredCurve, MeasuredRemainder, RandomPart

@@ -10,8 +10,8 @@ from ..compare.comparison import Comparison
 from ..compare.groups import Groups
 from ..compare.kinds.kind import Kind, Shown
 from ..learn.learning import Learnt, uncertainty
-from ..search.fitted import Fitted
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Fitted
+from ..search.fits.fitting import Fitting
 from .limits import VIEWS
 from .result import Location, MisfitMap, Separability, Series
 

@@ -15,12 +15,12 @@ from drfmcw_sim.effects import ActsOn, Effect, Stated
 
 from ..compare.algebra import gain_of, sizes_of
 from ..compare.kinds import Kind
-from ..search.fitted import Fitted, Freedom
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Fitted, Freedom
+from ..search.fits.fitting import Fitting
+from ..search.fits.whitening import Whitening
 from ..search.path_sets import LIMITS as PATH
 from ..search.search import Search
 from ..search.starts.bank import Candidate, recipes
-from ..search.whitening import Whitening
 
 
 @dataclasses.dataclass(frozen=True)

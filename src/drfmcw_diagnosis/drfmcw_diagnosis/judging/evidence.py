@@ -8,8 +8,8 @@ import dataclasses
 
 import numpy as np
 
-from ..search.fitted import Fitted
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Fitted
+from ..search.fits.fitting import Fitting
 from ..search.leftovers import Leftover, leftovers
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
 
-from ..search.fitted import Fitted, FittedEffect
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Fitted, FittedEffect
+from ..search.fits.fitting import Fitting
 
 
 @dataclasses.dataclass(frozen=True)

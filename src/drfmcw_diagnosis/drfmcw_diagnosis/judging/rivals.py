@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..search.fitted import Fitted, FittedEffect
+from ..search.fits.fitted import Fitted, FittedEffect
 from ..search.limits import RIVALS, SEARCH
 from ..search.search import Search
 from ..search.starts.bank import Candidate

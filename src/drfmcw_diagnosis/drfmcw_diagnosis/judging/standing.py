@@ -49,8 +49,8 @@ from ..compare.steadiness import LIMITS as STEADINESS
 from ..compare.steadiness import odds_of_one_size
 from ..search.events import LIMITS as EVENTS
 from ..search.events import beyond_events
-from ..search.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
+from ..search.fits.fitting import Fitting
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
 from .evidence import clean, excess, of_uneven_converters, significantly_left

@@ -9,7 +9,7 @@ from scipy import stats
 from ..compare import steadiness
 from ..search import events
 from ..search.bent_ramps import unified
-from ..search.fitted import Fitted
+from ..search.fits.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
 from ..search.limits import SEARCH, SELECTION
 from ..search.search import Search

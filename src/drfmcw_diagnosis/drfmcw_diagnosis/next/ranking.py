@@ -16,8 +16,8 @@ import numpy as np
 from drfmcw_physics.settings import declared_parameters
 
 from ..finding.result import NextMeasurement
-from ..search.fitted import Fitted
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Fitted
+from ..search.fits.fitting import Fitting
 from .further_sweeps import Baseline, Between, Exchanged, FurtherAway, MoreSweeps, OtherStartDelay, Repeated
 from .instruments import (
     DrivePast,

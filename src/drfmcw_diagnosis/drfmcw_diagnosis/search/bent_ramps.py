@@ -11,7 +11,7 @@ import numpy as np
 
 from drfmcw_sim.effects import Effect
 
-from .fitted import Fitted, Linearised
+from .fits.fitted import Fitted, Linearised
 from .limits import SEARCH
 from .search import Search
 from .starts.bank import Candidate, of_coefficients

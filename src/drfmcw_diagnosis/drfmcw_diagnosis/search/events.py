@@ -15,9 +15,9 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.algebra import scaled_inverse
 from ..compare.over_sweep import as_shown, over_sweep, ramp_of
-from .fitted import Fitted, Freedom
-from .fitting import Fitting
-from .whitening import Whitening
+from .fits.fitted import Fitted, Freedom
+from .fits.fitting import Fitting
+from .fits.whitening import Whitening
 
 
 @dataclasses.dataclass(frozen=True)

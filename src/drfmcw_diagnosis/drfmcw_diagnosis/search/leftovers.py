@@ -6,8 +6,8 @@ import numpy as np
 from scipy import stats
 
 from ..compare.kinds.chances import Remainder, combined
-from .fitted import Fitted
-from .fitting import Fitting
+from .fits.fitted import Fitted
+from .fits.fitting import Fitting
 
 
 @dataclasses.dataclass(frozen=True)

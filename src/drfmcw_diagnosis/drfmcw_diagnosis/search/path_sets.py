@@ -9,7 +9,7 @@ import itertools
 
 import numpy as np
 
-from .fitted import Fitted
+from .fits.fitted import Fitted
 from .limits import SELECTION
 from .search import Search
 from .starts.bank import Candidate

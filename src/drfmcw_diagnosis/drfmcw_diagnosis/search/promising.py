@@ -14,13 +14,13 @@ from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
-from .fitted import Fitted, FittedEffect, Freedom
-from .fitting import Fitting
+from .fits.fitted import Fitted, FittedEffect, Freedom
+from .fits.fitting import Fitting
+from .fits.whitening import Whitening
 from .limits import SEARCH
 from .starts.bank import Candidate, at_stations, candidates, recipes
 from .starts.scanners import resolution, starting_points
 from .starts.scanning import Rest
-from .whitening import Whitening
 
 
 class Promising(Fitting):

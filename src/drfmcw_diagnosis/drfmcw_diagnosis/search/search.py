@@ -10,7 +10,7 @@ from scipy import stats
 from ..compare.predicting import displaces
 from ..compare.steadiness import LIMITS as STEADINESS
 from ..compare.steadiness import odds_of_one_size
-from .fitted import Fitted, FittedEffect, Freedom, cells_of
+from .fits.fitted import Fitted, FittedEffect, Freedom, cells_of
 from .limits import SEARCH
 from .promising import Promising
 from .starts.bank import Candidate, recipes

@@ -6,7 +6,7 @@ import numpy as np
 
 from . import events, path_sets
 from .bent_ramps import unified
-from .fitted import Fitted
+from .fits.fitted import Fitted
 from .leftovers import leftovers
 from .limits import SEARCH, SELECTION
 from .search import Search

@@ -14,8 +14,8 @@ from ..compare.comparison import Comparison
 from ..finding.result import Diagnosis, Estimate, FoundEffect
 from ..recording.dataset import read_dataset
 from ..recording.thinning import representative, shortened
-from ..search.fitted import Freedom
-from ..search.fitting import Fitting
+from ..search.fits.fitted import Freedom
+from ..search.fits.fitting import Fitting
 from ..search.starts.bank import Candidate, recipes
 from .joint import Elsewhere, Shared
 

@@ -13,7 +13,7 @@ from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.features.adc_codes import piled
 from drfmcw_diagnosis.features.extractor import Extractor, ramp_spectrum
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_physics.constants import DECIBELS_PER_NEPER

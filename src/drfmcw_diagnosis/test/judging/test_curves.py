@@ -7,7 +7,7 @@ from checkout import DATA
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.judging.curves import bent, beyond_steps, conditions, left
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_sim.effects import Effect

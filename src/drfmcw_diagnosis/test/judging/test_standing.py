@@ -17,10 +17,10 @@ from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.recording.limits import THINNING
 from drfmcw_diagnosis.recording.thinning import representative
 from drfmcw_diagnosis.search.events import beyond_events
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
+from drfmcw_diagnosis.search.fits.whitening import Whitening
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.starts.bank import Candidate
-from drfmcw_diagnosis.search.whitening import Whitening
 from drfmcw_physics.phase_noise import PhaseNoise, variance_within
 from drfmcw_sim.effects import Effect
 

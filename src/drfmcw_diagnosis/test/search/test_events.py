@@ -8,7 +8,7 @@ from checkout import DATA
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.events import left
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,7 @@ from scenes import record, scene
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.fitting import Fitting
+from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.starts.bank import Candidate, of_coefficients
 from drfmcw_diagnosis.search.starts.bent import bent_as

@@ -14,8 +14,8 @@ import numpy as np
 
 from drfmcw_sim.effects import Effect
 
-from ..compare.comparison import Comparison
-from ..compare.predicting import displaces, follows_distance
+from ...compare.comparison import Comparison
+from ...compare.predicting import displaces, follows_distance
 from .fitted import Fitted
 from .limits import FIT
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from drfmcw_sim.effects import Effect
 
-from ..compare.algebra import scaled_inverse
-from ..compare.groups import Entries
+from ...compare.algebra import scaled_inverse
+from ...compare.groups import Entries
+from ..starts.bank import Candidate
 from .limits import FIT
-from .starts.bank import Candidate
 
 
 @dataclasses.dataclass(frozen=True)
