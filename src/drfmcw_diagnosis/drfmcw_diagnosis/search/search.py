@@ -25,8 +25,14 @@ class Search(Promising):
         return self.workers.map(lambda start: self.fit(start, linearised=linearised, near=known), starts)
 
     def again(self, fitted: Fitted) -> Fitted:
-        """Return an explanation fitted again from its present values."""
-        return self.fit(fitted.start, 4, linearised=fitted.linearised, exact=True)
+        """Return an explanation fitted again from its present values.
+
+        Distortions are known to first order there. What bursts do is no smooth function of their parameters.
+        """
+        linearised = fitted.linearised
+        if linearised is None and not any(e.candidate.kind.bursts for e in fitted.effects):
+            linearised = self.linearised(fitted, self.slopes(fitted))
+        return self.fit(fitted.start, 4, linearised=linearised, near=fitted, exact=True)
 
     def trusted(self, fitted: Fitted) -> Fitted:
         """Trust the models as far as an explanation allows, and return it fitted again."""

@@ -6,10 +6,12 @@ import numpy as np
 
 from . import events, path_sets
 from .bent_ramps import unified
-from .fits.fitted import Fitted
+from .fits.fitted import Fitted, Linearised
 from .leftovers import leftovers
 from .limits import SEARCH, SELECTION
 from .search import Search
+
+_Without = tuple[float, Fitted]  # chance of an effect, and the explanation without it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -313,18 +315,19 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
     """Return an explanation without the effects that the others leave too little to explain."""
     while found is not None and len(found.effects) > 1:
         found = search.trusted(found)
-        chances = []
         slopes = search.slopes(found)
         indispensable, linearised = search.indispensable(found, slopes), search.linearised(found, slopes)
-        for number, effect in enumerate(found.effects):
-            if indispensable[number]:
-                continue
-            rest = tuple(e for i, e in enumerate(found.effects) if i != number)
+        dispensable = [number for number, needed in enumerate(indispensable) if not needed]
+
+        def without_one(number: int, found: Fitted = found, linearised: Linearised | None = linearised) -> _Without:
+            effect, rest = found.effects[number], (*found.effects[:number], *found.effects[number + 1 :])
             without = search.again(dataclasses.replace(found, effects=rest, linearised=linearised))
             gain = without.misfit - found.misfit - search.imitated(effect, without, found)
             if effect.candidate.kind.bursts:
                 gain = search.gain_over(found, without)
-            chances.append((search.probability(gain, len(effect.candidate.free), effect.key), without))
+            return search.probability(gain, len(effect.candidate.free), effect.key), without
+
+        chances = search.workers.map(without_one, dispensable)
         chance, without = max(chances, key=lambda item: item[0], default=(0.0, found))
         if chance <= false_alarm_rate * SELECTION.further:
             break

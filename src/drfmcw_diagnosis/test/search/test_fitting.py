@@ -37,6 +37,28 @@ def test_a_start_from_another_process_is_fitted_alike():
     assert [e.values for e in there.effects] == [e.values for e in here.effects]
 
 
+def test_fitted_again_to_first_order_a_distortion_has_the_template_and_place_of_the_full_model():
+    """From a few standard deviations off, in data without noise: the model is simulated anew until both agree."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    true = {'clipping': {'level': -28.0}, 'echo': {'excess_range': 9.0, 'relative_power': -30.0, 'phase': 0.5}}
+    stations = {'clipping': 'master', 'echo': ''}
+    comparison.residual = comparison.template(
+        [start(name, stations[name], **values)[0].build(values) for name, values in true.items()]
+    )
+    search = Search(comparison, without=set(Effect.registry) - {'clipping'})
+    off = {'clipping': {'level': -28.02}, 'echo': {'excess_range': 9.002, 'relative_power': -30.1, 'phase': 0.55}}
+    begun = search.fit([start(name, stations[name], **values) for name, values in off.items()], 1, rounds=1)
+    found = search.again(begun)
+    assert begun.linearised is None and found.linearised is not None
+    np.testing.assert_allclose(found.template, comparison.template(found.build()), atol=1e-9)
+    assert begun.misfit > 5.0 and found.misfit < 0.5
+    for effect in found.effects:
+        for name in effect.candidate.free:
+            assert effect.values[name] == pytest.approx(
+                true[effect.candidate.effect][name], abs=0.2 * effect.stds[name]
+            )
+
+
 def test_what_is_held_stays_as_it_is_while_others_are_fitted():
     """Also sizes of single groups; a distortion is fitted to the very lines that all effects together make."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))

@@ -83,22 +83,28 @@ class Fitting(Trusting):
             beside: template of other effects that stay as they are; the result's template contains it.
             freedom: of these others, which may follow to first order; the result's misfit is then that without it.
             linearised: distortions and bursts of an explanation that differs from `start` by some effects; used where
-                these hardly change the lines.
+                these hardly change the lines, and as long as their own parameters hardly change.
             near: explanation that shares effects with `start`; where their values are the same, the first step takes
                 their slopes, see `slopes`, for those beside the others.
-            exact: the fit goes on to the end, and the result's template is that of the full model, to which a
-                linearised one must be near.
-            rounds: at most, in which a distortion is computed anew on the other effects as they were fitted.
+            exact: the fit goes on to the end, and the result's template is that of the full model.
+            rounds: at most, in which a distortion is computed anew on the other effects as they were fitted, once to
+                first order and once in full.
         """
-        if linearised is not None and self._is_near(start, linearised):
+        for _ in range(rounds):
+            if linearised is None or not self._is_near(start, linearised):
+                break
             fitted = self._fit(start, steps, beside, freedom, None, linearised, near, exact)
-            if linearised.holds([e.values for e in fitted.effects if e.candidate.acts]):
-                fitted = dataclasses.replace(fitted, linearised=linearised)
-                if not exact:
-                    return fitted
-                template = beside + self._template([e.build() for e in fitted.effects])
-                if self._is_settled(fitted, template):
-                    return self._with_template(fitted, template, freedom)
+            acting = [e.values for e in fitted.effects if e.candidate.acts]
+            if not linearised.holds(acting):
+                break
+            if not exact:
+                return dataclasses.replace(fitted, linearised=linearised)
+            template = beside + self._template([e.build() for e in fitted.effects])
+            added = template - (fitted.template - linearised.template(acting))
+            linearised = dataclasses.replace(linearised, effects=fitted.effects, added=added)
+            start, near = fitted.start, None
+            if self._is_settled(fitted, template):
+                return self._with_template(dataclasses.replace(fitted, linearised=linearised), template, freedom)
         for _ in range(rounds):
             around = _undistorted([c.build(values) for c, values in start])
             fitted = self._fit(start, steps, beside, freedom, around, near=near, exact=exact)
@@ -159,7 +165,7 @@ class Fitting(Trusting):
             return float(np.sum(left(whitening(y - other)) ** 2))
 
         misfit = misfit_of(template)
-        known = self._slopes_of(start, near)
+        known = self._slopes_of(start, near, linearised is not None)
         strides = self._strides(point, chosen, names)
         damping, determined, still = 1e-3, 0, False
         normal = np.eye(len(point))
@@ -255,13 +261,14 @@ class Fitting(Trusting):
         return slopes
 
     def _slopes_of(
-        self, start: Sequence[tuple[Candidate, dict[str, float]]], near: Fitted | None
+        self, start: Sequence[tuple[Candidate, dict[str, float]]], near: Fitted | None, to_first_order: bool
     ) -> dict[int, np.ndarray]:
         """Return the slopes (n,) of those effects that an explanation has with the same values, by the parameter.
 
-        None where a distortion acts on the sum of all.
+        None where a distortion acts on the sum of all, unless the fit has it `to_first_order`.
         """
-        if near is None or any(c.acts for c, _ in (*start, *near.start)):
+        acting = near is not None and any(c.acts for c, _ in (*start, *near.start))
+        if near is None or (acting and not to_first_order):
             return {}
         slopes, first = self.slopes(near), 0
         found: dict[int, np.ndarray] = {}
