@@ -131,13 +131,16 @@ class Search(Promising):
         residual = self.comparison.residual - rest.template
         freedom = self.freedom_beside(self.slopes(fitted), fitted.spans[number])
         goal = self.misfit(rest.template) - fitted.misfit
+        margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
         added = self._added(fitted, number, rest, freedom)
 
         def refined(point: tuple) -> Fitted | None:
             alone = self._alone(point, rest, freedom, added, goal)
             if alone is None:
                 return None
-            return self.fit([*rest.start[:number], *alone.start, *rest.start[number:]], near=fitted)
+            start = [*rest.start[:number], *alone.start, *rest.start[number:]]
+            begun = self.fit(start, SEARCH.first_steps, near=fitted)
+            return self.fit(begun.start) if begun.misfit - fitted.misfit < margin else None
 
         with self.amid(rest):
             promising = self._promising(residual, rest.effects, freedom, candidate.effect)
