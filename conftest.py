@@ -21,9 +21,9 @@ os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 # `colcon test` of a lower package may find no drfmcw_bringup; those that start many processes have it
 if importlib.util.find_spec('drfmcw_bringup'):
-    from drfmcw_bringup.graph import free_domain_id
+    from drfmcw_bringup.graph import private_environment
 
-    os.environ['ROS_DOMAIN_ID'] = str(free_domain_id())
+    os.environ.update(private_environment())
 
 # started in the background (nohup, some CI services) we would pass an ignored Ctrl-C on to the processes under test
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -31,7 +31,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def _discovery() -> dict[str, str]:
-    return {name: value for name, value in os.environ.items() if name.startswith(('ROS_', 'RMW_', 'FASTDDS_'))}
+    own = 'ROS_', 'RMW_', 'FASTDDS_', 'FASTRTPS_'
+    return {name: value for name, value in os.environ.items() if name.startswith(own)}
 
 
 @pytest.fixture(autouse=True, scope='module')

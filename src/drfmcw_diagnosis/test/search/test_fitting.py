@@ -37,7 +37,7 @@ def test_a_start_from_another_process_is_fitted_alike():
     assert [e.values for e in there.effects] == [e.values for e in here.effects]
 
 
-def test_fitted_again_to_first_order_a_distortion_has_the_template_and_place_of_the_full_model():
+def test_a_refit_to_first_order_ends_where_the_full_model_fits_best():
     """From a few standard deviations off, in data without noise: the model is simulated anew until both agree."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))
     true = {'clipping': {'level': -28.0}, 'echo': {'excess_range': 9.0, 'relative_power': -30.0, 'phase': 0.5}}
