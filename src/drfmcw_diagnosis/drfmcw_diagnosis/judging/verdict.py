@@ -202,8 +202,7 @@ def _standing(search: Search, fitted: Fitted | None) -> Fitted | None:
             fitted = completed
             continue
         search.give_up(fitted.effects[worst])
-        kept = tuple(e for i, e in enumerate(fitted.effects) if i != worst)
-        fitted = search.again(dataclasses.replace(fitted, effects=kept)) if kept else None
+        fitted = search.again(search.without(fitted, worst)) if len(fitted.effects) > 1 else None
         search.set_aside = _without_name(search, fitted)
     search.doubted -= set(fitted.keys if fitted is not None else ())
     return fitted

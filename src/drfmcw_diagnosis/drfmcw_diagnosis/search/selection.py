@@ -284,11 +284,11 @@ def _without_uncertain(
     for other in ranked:
         if best is not None and other.evidence < best.evidence + SELECTION.better:
             break
-        *earlier, last = other.effects
-        uncertain = {e.key for e in earlier if not e.certain}
-        if last.certain and uncertain and not uncertain & dropped:
+        numbers = [number for number, effect in enumerate(other.effects) if not effect.certain]
+        uncertain = {other.effects[number].key for number in numbers}
+        if other.effects[-1].certain and uncertain and not uncertain & dropped:
             dropped |= uncertain
-            return search.again(dataclasses.replace(other, effects=tuple(e for e in other.effects if e.certain)))
+            return search.again(search.without(other, *numbers))
     return None
 
 
@@ -320,8 +320,8 @@ def pruned(search: Search, found: Fitted | None, false_alarm_rate: float) -> Fit
         dispensable = [number for number, needed in enumerate(indispensable) if not needed]
 
         def without_one(number: int, found: Fitted = found, linearised: Linearised | None = linearised) -> _Without:
-            effect, rest = found.effects[number], (*found.effects[:number], *found.effects[number + 1 :])
-            without = search.again(dataclasses.replace(found, effects=rest, linearised=linearised))
+            effect = found.effects[number]
+            without = search.again(dataclasses.replace(search.without(found, number), linearised=linearised))
             gain = without.misfit - found.misfit - search.imitated(effect, without, found)
             if effect.candidate.kind.bursts:
                 gain = search.gain_over(found, without)
