@@ -102,7 +102,7 @@ def private_environment() -> dict[str, str]:
     By our profile of Fast DDS, unless the environment names another one.
     """
     environment = os.environ | {'ROS_DOMAIN_ID': str(free_domain_id())}
-    by_ours = uses_fast_dds(environment) and environment.get(PROFILES, BY_PROFILE[PROFILES]) == BY_PROFILE[PROFILES]
+    by_ours = uses_fast_dds(environment) and environment.get(PROFILES) in (None, BY_PROFILE[PROFILES])
     return environment | (BY_PROFILE if by_ours else ON_THIS_MACHINE)
 
 

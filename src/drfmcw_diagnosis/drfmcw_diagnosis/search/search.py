@@ -10,7 +10,7 @@ from scipy import stats
 from ..compare.predicting import displaces
 from ..compare.steadiness import LIMITS as STEADINESS
 from ..compare.steadiness import odds_of_one_size
-from .fits.fitted import Fitted, FittedEffect, Freedom, cells_of
+from .fits.fitted import Fitted, FittedEffect, Freedom, Linearised, cells_of
 from .limits import SEARCH
 from .promising import Promising
 from .starts.bank import Candidate, recipes
@@ -131,7 +131,6 @@ class Search(Promising):
         residual = self.comparison.residual - rest.template
         freedom = self.freedom_beside(self.slopes(fitted), fitted.spans[number])
         goal = self.misfit(rest.template) - fitted.misfit
-        margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
         added = self._added(fitted, number, rest, freedom)
 
         def refined(point: tuple) -> Fitted | None:
@@ -139,8 +138,7 @@ class Search(Promising):
             if alone is None:
                 return None
             start = [*rest.start[:number], *alone.start, *rest.start[number:]]
-            begun = self.fit(start, SEARCH.first_steps, near=fitted)
-            return self.fit(begun.start) if begun.misfit - fitted.misfit < margin else None
+            return self._finished(start, fitted, goal)
 
         with self.amid(rest):
             promising = self._promising(residual, rest.effects, freedom, candidate.effect)
@@ -197,6 +195,26 @@ class Search(Promising):
         apart = self.whitening(alone.template - fitted.template)
         apart = apart if freedom is None else freedom.left(apart)
         return None if float(apart @ apart) < SEARCH.returned * goal else alone
+
+    def _finished(
+        self,
+        start: Sequence[tuple[Candidate, dict[str, float]]],
+        fitted: Fitted,
+        goal: float,
+        linearised: Linearised | None = None,
+    ) -> Fitted | None:
+        """Return a fit with one effect of an explanation exchanged; None of what stays far behind it at first.
+
+        Args:
+            start: where it begins.
+            fitted: the explanation.
+            goal: gain of the effect that is exchanged.
+            linearised: distortions and bursts of the explanation, see `fit`.
+        """
+        begun = self.fit(start, SEARCH.first_steps, linearised=linearised, near=fitted)
+        if begun.misfit - fitted.misfit > _margin(goal):
+            return None
+        return self.fit(begun.start, linearised=linearised)
 
     def without(self, fitted: Fitted, *numbers: int) -> Fitted:
         """Return an explanation without some of its effects, the others as they are; misfit and evidence stay."""
@@ -264,7 +282,7 @@ class Search(Promising):
         self.report('refinement', 0.6)
         begun = self.workers.map(refined, starts[: SEARCH.refined])
         best = min((f.misfit for f in begun), default=0.0)
-        margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * (before - best))
+        margin = _margin(before - best)
         near = [f for f in begun if f.misfit - best <= margin]
         far = [f for f in begun if f.misfit - best > margin]
         return sorted([*self.workers.map(finished, near), *far], key=lambda f: -f.evidence)
@@ -327,7 +345,6 @@ class Search(Promising):
             rest = self.without(fitted, left_out)
             base = rest.start
             goal = self.misfit(rest.template) - fitted.misfit
-            margin = max(SEARCH.far * SEARCH.rival, SEARCH.behind * goal)
             freedom = self.freedom_beside(slopes, own)
             added = self._added(fitted, left_out, rest, freedom)
 
@@ -335,7 +352,6 @@ class Search(Promising):
                 point: tuple,
                 base: list = base,
                 goal: float = goal,
-                margin: float = margin,
                 rest: Fitted = rest,
                 freedom: Freedom | None = freedom,
                 added: Fitted = added,
@@ -346,10 +362,7 @@ class Search(Promising):
                     if alone is None:
                         return None
                     point = alone.start[0]
-                begun = self.fit([*base, point], SEARCH.first_steps, linearised=linearised, near=fitted)
-                if begun.misfit - fitted.misfit > margin:
-                    return None
-                return self.fit(begun.start, linearised=linearised)
+                return self._finished([*base, point], fitted, goal, linearised)
 
             with self.amid(rest):
                 points = self._substitutes(rest, SEARCH.promised * goal, freedom)
@@ -414,6 +427,11 @@ class Search(Promising):
                 there.append((template, values))
                 found.append((candidate, values))
         return found
+
+
+def _margin(gain: float) -> float:
+    """Return by how much the misfit of a fit that is not finished may exceed one whose effect gains so much."""
+    return max(SEARCH.far * SEARCH.rival, SEARCH.behind * gain)
 
 
 def _least_share(candidate: Candidate) -> float:

@@ -87,8 +87,8 @@ class Fitting(Trusting):
             near: explanation that shares effects with `start`; where their values are the same, the first step takes
                 their slopes, see `slopes`, for those beside the others.
             exact: the fit goes on to the end, and the result's template is that of the full model.
-            rounds: at most, in which a distortion is computed anew on the other effects as they were fitted, once to
-                first order and once in full.
+            rounds: at most, in which a distortion is computed anew on the other effects as they were fitted; as many
+                before them with it to first order.
         """
         for _ in range(rounds):
             if linearised is None or not self._is_near(start, linearised):
@@ -267,8 +267,9 @@ class Fitting(Trusting):
 
         None where a distortion acts on the sum of all, unless the fit has it `to_first_order`.
         """
-        acting = near is not None and any(c.acts for c, _ in (*start, *near.start))
-        if near is None or (acting and not to_first_order):
+        if near is None:
+            return {}
+        if not to_first_order and any(c.acts for c, _ in (*start, *near.start)):
             return {}
         slopes, first = self.slopes(near), 0
         found: dict[int, np.ndarray] = {}
