@@ -249,14 +249,18 @@ def _shifted_lines(fitting: Fitting, event: _Event, phases: Sequence[int]) -> np
     """Return by how much an event of the phases may shift the lines of each sweep, each times its prior (k, n).
 
     A sweep's frequency follows a part of the event: a line through a step is steeper. How large a part depends on the
-    estimator, so any is as likely, which has a mean square of a third. The sum of the phases shows it in the range, the
-    difference in the beats.
+    estimator, so any is as likely, which has a mean square of a third. Of a pair, the sum of the phases shows it in the
+    common part of the beat frequencies, the difference in the range; both phases are over sqrt(2).
     """
     c = fitting.comparison
     sweep, block = c.data.sweeps[0][0], np.arange(len(event.shape)) - 0.5 * (len(event.shape) - 1)
     turned = event.size * float(event.shape @ block / (block @ block)) / np.sqrt(3.0)  # [rad per block]
     hertz = turned / (2.0 * np.pi * float(c.time[1] - c.time[0]))
-    shifts = {'range': hertz * SPEED_OF_LIGHT / (2.0 * abs(sweep.chirp_rate)), 'beat': hertz}
+    metres = hertz * SPEED_OF_LIGHT / (2.0 * abs(sweep.chirp_rate))
+    if len(phases) == 2:
+        shifts = {'beat': hertz * np.sqrt(2.0), 'range': metres / np.sqrt(2.0)}
+    else:
+        shifts = {'range': metres}
     found = np.zeros((0, len(c.residual)))
     for name, channel in zip(shifts, phases, strict=False):
         kind = next((k for k in c.kinds if k.name == name), None)

@@ -9,6 +9,7 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.events import left
 from drfmcw_diagnosis.search.fits.fitting import Fitting
+from drfmcw_physics.constants import SPEED_OF_LIGHT
 
 
 @pytest.fixture(scope='module')
@@ -67,3 +68,33 @@ def test_lost_samples_shift_the_range_with_the_turns_of_the_line(data, lost):
     found = left(fitting, None, plain)
     before, after = (np.sum(w(comparison.residual)[rows] ** 2) for w in (plain, plain.beside(found)))
     assert after < 0.01 * before
+
+
+@pytest.mark.parametrize(('channel', 'shifted', 'unshifted'), [(2, 'beat', 'range'), (3, 'range', 'beat')])
+def test_a_jump_of_the_phases_shifts_the_lines_that_hold_it(data, channel, shifted, unshifted):
+    """The sum of the phases shifts what the beat frequencies have in common, the difference shifts the range.
+
+    A straight line through a jump of the phase in mid-sweep has a slope of 3/2 of it over the sweep (least squares).
+    """
+    comparison = Comparison(data)
+    kinds = {k.name: k for k in comparison.kinds}
+    rate, count = abs(data.sweeps[0][0].chirp_rate), comparison.std['ramp'].shape[2]
+    step = np.where(np.arange(count) >= 0.5 * count, 0.3, 0.0)
+    trend = np.polynomial.Polynomial.fit(np.arange(count), step, 1)
+    jump = scipy.fft.dct(step - trend(np.arange(count)), norm='ortho')
+    comparison.residual = np.zeros(len(comparison.residual))
+    comparison.residual[comparison.rows(kinds['ramp'], channel)] = np.ravel(jump / comparison.std['ramp'][:, channel])
+    duration = count * float(comparison.time[1] - comparison.time[0])
+    hertz = 1.5 * 0.3 / (2.0 * np.pi * duration) * np.sqrt(2.0)  # of both lines together, as each phase is over sqrt(2)
+    shifts = {'beat': hertz, 'range': hertz * SPEED_OF_LIGHT / (4.0 * rate)}
+    for name, shift in shifts.items():
+        comparison.residual[comparison.rows(kinds[name])] = shift / comparison.std[name].ravel()
+    fitting = Fitting(comparison)
+    plain = fitting.whitening_of(None, with_unknown=False)
+    found = plain.beside(left(fitting, None, plain))
+    before, after = (
+        {name: float(np.sum(w(comparison.residual)[comparison.rows(kinds[name])] ** 2)) for name in shifts}
+        for w in (plain, found)
+    )
+    assert after[shifted] < 0.7 * before[shifted]
+    assert after[unshifted] == pytest.approx(before[unshifted], rel=0.05)
