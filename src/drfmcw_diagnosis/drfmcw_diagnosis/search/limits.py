@@ -28,6 +28,10 @@ class SearchLimits:
     least: float = 14.0
     """Promised gain below which a starting point is not tried: refined, it would not be accepted either; chosen."""
 
+    hardly: float = 0.01
+    """Share of the largest promised gain below which a starting point is not tried; chosen: refined, its gain would be
+    far below the shares that count."""
+
     first_steps: int = 2
     """Of refinement, after which one starting point of a kind is chosen; chosen."""
 
@@ -240,8 +244,8 @@ class ScanLimits:
     above_limit: tuple[float, ...] = (-0.05, 0.0, 0.04, 0.08, 0.13, 0.2)
     """Limits that are tried where samples pile up, relative to these [dB]; chosen."""
 
-    piled: float = 20.0
-    """Samples that pile up, over their standard deviation [1], from which on no other limit is tried; chosen."""
+    piled: float = 2.0
+    """Samples that pile up, over their standard deviation [1], from which on a limit is tried there; chosen."""
 
     level_step: float = 2.0
     """Between limits that are tried [dB]; chosen."""

@@ -235,9 +235,12 @@ class Search(Promising):
         linearised = self.linearised(current, slopes)
         promising = self._promising(residual, current.effects if current else (), freedom)
         chosen: dict[tuple, list] = {}
+        most = promising[0][0] if promising else 0.0
         for gain, candidate, values in promising:
             if gain < SEARCH.least:
                 break
+            if gain < SEARCH.hardly * most and not candidate.acts:
+                continue  # far behind, see `_least_share`
             begun = chosen.setdefault((candidate.key, candidate.free), [])
             if len(begun) < SEARCH.starts:
                 begun.append((gain, candidate, values))

@@ -7,6 +7,7 @@ what an effect does.
 """
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
@@ -167,47 +168,71 @@ def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
 def _odd_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return third-order terms of a curve, 1 at full scale, where a station's spectrum or levels suggest a distortion.
 
-    The strongest line, of amplitude A, loses the shares 3/4 c A^2 that the recipe tries.
+    The strongest line, of amplitude A, loses the shares 3/4 c A^2 that the recipe tries: the least ones, and that which
+    the third harmonics suggest. A line of amplitude A has one of c A^2 / 4 relative to itself, against its own phase.
     """
     c, residual = rest.comparison, rest.residual
     if not _suspicious(c, residual, station):
         return ()
     power = 10.0 ** (_strongest(c, station) / 10.0)
-    return tuple(share / (0.75 * power) for share in recipe.tries)
+    least = min(map(abs, recipe.tries))
+    tried = [share for share in recipe.tries if abs(share) == least]
+    term = _curve_term(rest, [station], 3, lambda line: -0.25 * line**2)
+    if term is not None:
+        suggested = 0.75 * power * term
+        alike = (share for share in recipe.tries if share * suggested > 0.0)
+        tried += sorted(alike, key=lambda share: abs(math.log(share / suggested)))[:1]
+    return tuple(share / (0.75 * power) for share in dict.fromkeys(tried))
 
 
 def _even_harmonics(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return the second-order term of a curve, 1 at full scale, that the lines' second harmonics suggest.
 
-    A line of amplitude A has one of c A / 2 relative to itself, at its own phase; least squares over all groups.
+    A line of amplitude A has one of c A / 2 relative to itself, at its own phase.
     """
-    c, residual = rest.comparison, rest.residual
-    order, overlap, power = SPECTRUM.harmonics.index(2), 0.0, 0.0
-    for i in range(len(c.receivers)) if station < 0 else (station,):
-        z = residual[c.entries.where(kind='harmonic', station=i)].reshape(len(c.members), -1)[:, order]
+    stations = range(len(rest.comparison.receivers)) if station < 0 else (station,)
+    term = _curve_term(rest, stations, 2, lambda line: 0.5 * line)
+    return () if term is None else (term,)
+
+
+def _curve_term(
+    rest: Rest, stations: Sequence[int], order: int, relative: Callable[[np.ndarray], np.ndarray]
+) -> float | None:
+    """Return the coefficient of a curve's term that harmonics suggest; None where chance may make as much of them.
+
+    Args:
+        rest: of an explanation.
+        stations: numbers of those that have it.
+        order: of the harmonics.
+        relative: harmonic over the line by a coefficient of 1, from the line's amplitude over full scale; least squares
+            over all groups.
+    """
+    c, number, overlap, power = rest.comparison, SPECTRUM.harmonics.index(order), 0.0, 0.0
+    for i in stations:
+        z = rest.residual[c.entries.where(kind='harmonic', station=i)].reshape(len(c.members), -1)[:, number]
         line = 10.0 ** (c.measured.amplitude[:, i] / 20.0) / _full_scale(c, i)
-        unit = np.where(z != 0.0, 0.5 * line / c.std.harmonic[:, i, order], 0.0)
+        unit = np.where(z != 0.0, relative(line) / c.std.harmonic[:, i, number], 0.0)
         overlap, power = overlap + float(unit @ z), power + float(unit @ unit)
     if power == 0.0 or 2.0 * stats.norm.sf(abs(overlap) / math.sqrt(power)) > SCAN.suspicion:
-        return ()
-    return (overlap / power,)
+        return None
+    return overlap / power
 
 
 def _limits(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return limits of a station's samples [dB of full scale], where its spectrum or levels suggest a distortion.
 
-    Where samples surely pile up, the limit is there; else it may be at any level.
+    Samples pile up at a limit. Where that does not show, as codes are too coarse for it, it may be at any level.
     """
     c, residual = rest.comparison, rest.residual
     if not _suspicious(c, residual, station):
         return ()
-    piled = c.measured.piled[:, station] / c.std.piled[:, station]
-    most = int(np.argmax(piled))
-    near = _limit(c, station, most) if piled[most] > 0.0 else ()
-    if piled[most] > SCAN.piled:
-        return near
+    std = c.std.piled[:, station]
+    if np.isfinite(std).any():
+        piled = c.measured.piled[:, station] / std
+        most = int(np.argmax(piled))
+        return _limit(c, station, most) if piled[most] > SCAN.piled else ()
     strongest = _strongest(c, station)
-    return (*near, *np.arange(strongest, strongest - SCAN.deepest, -SCAN.level_step).tolist())
+    return tuple(np.arange(strongest, strongest - SCAN.deepest, -SCAN.level_step).tolist())
 
 
 def _limit(c: Comparison, station: int, group: int) -> tuple[float, ...]:
