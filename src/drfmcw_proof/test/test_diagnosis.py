@@ -225,7 +225,7 @@ def test_an_event_is_left_over_beside_what_imitates_it():
     jump = np.zeros(len(noise))
     over_time = (np.arange(std.shape[1]) > 40).astype(float)
     jump[entries.where(kind='ramp', station=2)] = (scipy.fft.dct(over_time, norm='ortho') / std).ravel()
-    comparison.residual = noise + 14.0 * jump / np.linalg.norm(jump)
+    comparison.residual = noise + 18.0 * jump / np.linalg.norm(jump)
     bank = candidates(comparison.data.stations, comparison.data.calibration, range(14))
     settling = next(c for c in bank if c.effect == 'pll_settling')
     start = [(dataclasses.replace(settling, station=s), dict(settling.values)) for s in comparison.data.stations]

@@ -59,6 +59,24 @@ def test_a_refit_to_first_order_ends_where_the_full_model_fits_best():
             )
 
 
+def test_standard_deviations_are_those_of_slopes_at_the_end():
+    """From far off, in data without noise: by what the steps on the way have learnt they would be off."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    true = {'if_filter': {'pole': 9e5}, 'amplitude_loss': {'loss': 3.0}, 'delay_offset': {'delay': 0.1}}
+    stations = {'if_filter': 'slave', 'amplitude_loss': '', 'delay_offset': ''}
+    comparison.residual = comparison.template(
+        [start(name, stations[name], **values)[0].build(values) for name, values in true.items()]
+    )
+    fitting = Fitting(comparison)
+    off = {'if_filter': {'pole': 2e6}, 'amplitude_loss': {'loss': 0.1}, 'delay_offset': {'delay': 0.01}}
+    found = fitting.fit([start(name, stations[name], **values) for name, values in off.items()], exact=True)
+    slopes = fitting.whitening(fitting.slopes(found))
+    expected = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
+    stated = [e.stds[name] for e in found.effects for name in e.candidate.free]
+    assert found.misfit < 0.5
+    np.testing.assert_allclose(stated, expected, rtol=0.05)
+
+
 def test_what_is_held_stays_as_it_is_while_others_are_fitted():
     """Also sizes of single groups; a distortion is fitted to the very lines that all effects together make."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))

@@ -43,6 +43,46 @@ def _stated(covariance: np.ndarray, chosen: Sequence[Candidate], names: Sequence
     return std
 
 
+def _effects_at(
+    start: Sequence[tuple[Candidate, dict[str, float]]],
+    names: Sequence[tuple[int, str]],
+    point: np.ndarray,
+    stated: np.ndarray,
+    curvature: np.ndarray,
+) -> tuple[FittedEffect, ...]:
+    """Return effects with fitted parameters.
+
+    Args:
+        start: effects with the values that are not fitted.
+        names: number of the effect and name of each parameter.
+        point: their values (P,).
+        stated: their standard deviations (P,).
+        curvature: of the misfit along each (P,).
+    """
+    fitted = []
+    for number, (candidate, values) in enumerate(start):
+        mine = {name: k for k, (i, name) in enumerate(names) if i == number}
+        own = {name: float(point[k]) for name, k in mine.items()}
+        sizes = [curvature[k] for name, k in mine.items() if name == candidate.recipe.size]
+        size_std = 1.0 / math.sqrt(max(*sizes, FIT.flat)) if sizes else 0.0
+        stds = {name: float(stated[k]) for name, k in mine.items()}
+        fitted.append(FittedEffect(candidate, values | own, stds, {}, size_std))
+    return tuple(fitted)
+
+
+def _by_secant(slopes: np.ndarray, weights: np.ndarray, change: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Return slopes (P, n) that say of a step what it did (Broyden's update).
+
+    Args:
+        slopes: before it.
+        weights: of parameters' changes (P,), those of a unit each.
+        change: of the parameters (P,).
+        moved: the template's (n,).
+    """
+    along = weights * change
+    return slopes + np.outer(along / max(float(along @ change), FIT.flat), moved - change @ slopes)
+
+
 def _undistorted(effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
     """Return the effects on which a distortion among `effects` acts, None where there are not both."""
     if not any(e.distorts for e in effects):
@@ -169,10 +209,16 @@ class Fitting(Trusting):
         strides = self._strides(point, chosen, names)
         damping, determined, still = 1e-3, 0, False
         normal = np.eye(len(point))
+        at, normal_there = point, normal  # of slopes that no step has updated
+
+        def slopes_here() -> np.ndarray:
+            return left(whitening(self._slopes_at(point, template, template_at, chosen, names, strides, known)))
+
         while still or determined < steps:
             if not still:
-                slope = left(whitening(self._slopes_at(point, template, template_at, chosen, names, strides, known)))
+                slope = slopes_here()
                 normal = slope @ slope.T
+                at, normal_there = point, normal
                 still, known = bool(known), {}
                 determined += not still
             gradient = slope @ whitening(y - template)
@@ -192,26 +238,35 @@ class Fitting(Trusting):
             if not improved:  # the slopes are those of an earlier point, or beside other effects
                 still = False
                 continue
-            change = trial - point
+            change, fresh = trial - point, not still
             promised = float(change @ (2.0 * gradient - normal @ change))
+            slope = _by_secant(slope, np.diag(normal), change, left(whitening(other - template)))
+            normal = slope @ slope.T
             gain, misfit, point, template = misfit - value, value, trial, other
             damping *= 0.2
-            if gain < max(FIT.gained if exact else FIT.gained_at_first, FIT.gained_share * misfit):
+            least = self._least_gain(misfit, exact)
+            if gain < least and (fresh or promised < FIT.promised * least):
                 break
-            still = abs(gain - promised) < FIT.as_promised * promised
-        covariance = scaled_inverse(normal + np.diag(1e-12 / prior**2))
-        fitted, stated = [], _stated(covariance, chosen, names)
-        for number, candidate in enumerate(chosen):
-            mine = [k for k, (i, _) in enumerate(names) if i == number]
-            values = dict(start[number][1]) | {names[k][1]: float(point[k]) for k in mine}
-            curvature = [normal[k, k] for k in mine if names[k][1] == candidate.recipe.size]
-            size_std = 1.0 / math.sqrt(max(*curvature, FIT.flat)) if curvature else 0.0
-            fitted.append(FittedEffect(candidate, values, {names[k][1]: float(stated[k]) for k in mine}, {}, size_std))
+            still = gain > max((FIT.as_promised if exact else FIT.as_promised_at_first) * promised, least)
+        covariance = scaled_inverse(normal_there + np.diag(1e-12 / prior**2))
+        if exact and np.any(np.abs(point - at) > FIT.linear * np.sqrt(np.maximum(np.diag(covariance), 0.0))):
+            slope = slopes_here()
+            normal_there = slope @ slope.T
+            covariance = scaled_inverse(normal_there + np.diag(1e-12 / prior**2))
+        stated = _stated(covariance, chosen, names)
+        fitted = _effects_at(start, names, point, stated, np.diag(normal_there))
         occam = float(np.sum(np.log1p((prior / np.maximum(stated, 1e-12)) ** 2))) / 2.0
         if freedom is None:
             misfit = self.misfit(template)
         evidence = (self.misfit(0.0) - misfit) / 2.0 - occam
-        return Fitted(tuple(fitted), misfit, template, evidence)
+        return Fitted(fitted, misfit, template, evidence)
+
+    def _least_gain(self, misfit: float, exact: bool) -> float:
+        """Return the gain of a step below which a fit ends: effects that are compared differ by far more."""
+        if exact:
+            return max(FIT.gained, FIT.gained_share * misfit)
+        beyond_chance = misfit - np.count_nonzero(self.comparison.residual)
+        return max(FIT.gained_at_first, FIT.gained_share * misfit, FIT.gained_of_left * beyond_chance)
 
     def _slopes_at(
         self,

@@ -22,9 +22,19 @@ class FitLimits:
     gained_share: float = 1e-5
     """The same over the misfit [1], if that is more; chosen."""
 
-    as_promised: float = 0.1
-    """Share by which the gain of a step may differ from what the slopes promise, while these are used again [1];
-    chosen."""
+    gained_of_left: float = 1e-3
+    """The same over what the misfit is beyond chance [1], while effects are compared; chosen."""
+
+    as_promised: float = 0.9
+    """Share of the gain that slopes promise which a step must gain for them to be used again, updated by what it did
+    [1]; chosen."""
+
+    as_promised_at_first: float = 0.5
+    """The same while effects are compared [1]; chosen."""
+
+    promised: float = 2.0
+    """Gain that such slopes promise over the one below which a fit ends [1], from which on they are determined anew
+    before it ends; chosen."""
 
     stride: float = 2.0
     """Standard deviations of the data by which a step of a numerical derivative may change a template; chosen: the
@@ -49,7 +59,8 @@ class FitLimits:
     """The same over the misfit [1], if that is more; chosen."""
 
     linear: float = 5.0
-    """Standard deviations by which a distortion's parameters may change while its template counts as linear; chosen."""
+    """Standard deviations by which a distortion's parameters may change while its template counts as linear, and any
+    parameters while slopes count as those at the end of an exact fit; chosen."""
 
     still: float = 0.02
     """Change of a line's log amplitude or phase [1, rad] below which a distortion of it stays as it is; chosen."""
