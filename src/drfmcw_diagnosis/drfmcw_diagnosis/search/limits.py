@@ -29,8 +29,8 @@ class SearchLimits:
     """Promised gain below which a starting point is not tried: refined, it would not be accepted either; chosen."""
 
     hardly: float = 0.01
-    """Share of the largest promised gain below which a starting point is not tried; chosen: refined, its gain would be
-    far below the shares that count."""
+    """Share of the largest gain promised by an effect of some size, below which a starting point is not tried; chosen:
+    refined, its gain would be far below the shares that count."""
 
     first_steps: int = 2
     """Of refinement, after which one starting point of a kind is chosen; chosen."""

@@ -235,7 +235,8 @@ class Search(Promising):
         linearised = self.linearised(current, slopes)
         promising = self._promising(residual, current.effects if current else (), freedom)
         chosen: dict[tuple, list] = {}
-        most = promising[0][0] if promising else 0.0
+        # of those whose gain is what their size makes it: of others, refinement may leave little
+        most = max((gain for gain, candidate, _ in promising if candidate.recipe.size), default=0.0)
         for gain, candidate, values in promising:
             if gain < SEARCH.least:
                 break
