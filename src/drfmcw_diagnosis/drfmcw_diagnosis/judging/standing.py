@@ -93,6 +93,7 @@ class StandingLimits:
     determined_apart: float = 0.05  # the same of what each group has by itself: less says nothing of it [1]
     alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
     cancelled: float = 4.0  # power of an effect over that of the sum with all that may cancel it, at most [1]
+    by_chance: float = 1e-6  # chance of sizes that differ more than `over_groups` or `over_kinds`, at most [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
@@ -278,6 +279,28 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     return found
 
 
+def uneven(fitting: Fitting, fitted: Fitted) -> list[bool]:
+    """Return of which effects groups or kinds of numbers show sizes that differ, by more than chance, in order.
+
+    Something else imitates such an effect, also where no kind of number shows by itself that it leaves anything.
+    Bursts differ by chance.
+    """
+    c, whitening = fitting.comparison, fitting.whitening
+    rest = whitening(c.residual - fitted.template)
+    found = []
+    for number, effect in enumerate(fitted.effects):
+        others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
+        added = whitening(fitted.template - (c.template(others) if others else 0.0))
+        found.append(
+            not effect.candidate.kind.bursts
+            and any(
+                _unevenness(rest, added, parts) > most and _chance_of_sizes(rest, added, parts) < LIMITS.by_chance
+                for parts, most in ((c.entries.group, LIMITS.over_groups), (_confirming(fitting), LIMITS.over_kinds))
+            )
+        )
+    return found
+
+
 def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
     """Return the size of an effect over its standard deviation, infinity where it is a level or one of several.
 
@@ -439,6 +462,13 @@ def _unevenness(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float
     used = power > 1.0
     squares = overlap[used] ** 2 / power[used]
     return float((squares.sum() - np.count_nonzero(used)) / max(power.sum(), 1e-30))
+
+
+def _chance_of_sizes(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:
+    """Return the chance of sizes that differ so much from part to part, see `_unevenness`."""
+    power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
+    used = power > 1.0
+    return float(stats.chi2.sf(np.sum(overlap[used] ** 2 / power[used]), max(np.count_nonzero(used), 1)))
 
 
 def _smallest_size(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:

@@ -58,10 +58,10 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     """Return the verdict on a recording.
 
     Effects that leave nothing beyond chance explain it, unless an event without a name explains as much as one of them,
-    a modulation scatters as noise does, two effects nearly cancel, or one line is a harmonic of another. A remainder
-    far smaller than what they explain is reported and changes nothing, provided that every effect stands by itself
-    beside it, see `standing`: a small effect may imitate what a large one leaves. Beside a larger one only those
-    effects are named that stand.
+    a modulation scatters as noise does, two effects nearly cancel, one line is a harmonic of another, or parts of the
+    numbers show an effect with several sizes. A remainder far smaller than what they explain is reported and changes
+    nothing, provided that every effect stands by itself beside it, see `standing`: a small effect may imitate what a
+    large one leaves. Beside a larger one only those effects are named that stand.
 
     Args:
         search: of the recording.
@@ -267,7 +267,8 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
         as_path = min(paths.beyond_paths(search, fitted)) < paths.LIMITS.beaten
         as_period = any(harmonics(search, fitted))
-        return not (as_event or as_step or as_noise or as_curve or as_path or as_period)
+        as_several = any(standing.uneven(search, fitted))
+        return not (as_event or as_step or as_noise or as_curve or as_path or as_period or as_several)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     explained = _explained(search, fitted)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}

@@ -203,8 +203,8 @@ def _directions(fitting: Fitting, event: _Event) -> np.ndarray:
     """Return what may be unknown of an event, each times its prior (k, n).
 
     Its size; its time and its onset to first order; each block about it in each channel; the lines' shift. The more
-    distant the other station, the later it hears what happens at the first one, which shows in the sum of the phases
-    for that long.
+    distant the other station, the later it hears what happens at the first one, which shows in sum and difference of
+    the phases for that long.
     """
     c = fitting.comparison
     _, phases = ramp_of(c)

@@ -12,7 +12,7 @@ from scipy import special
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.engine import diagnose_dataset
-from drfmcw_diagnosis.judging.standing import standings
+from drfmcw_diagnosis.judging.standing import standings, uneven
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.recording.limits import THINNING
 from drfmcw_diagnosis.recording.thinning import representative
@@ -329,3 +329,24 @@ def test_what_both_lines_share_is_no_evidence_where_the_noise_is_unexplained(dat
     fitting = Fitting(comparison)
     (standing,) = standings(fitting, fitted(fitting, 'phase_noise', 'master', level=-86.0, corner=2e5))
     assert standing.has_evidence == stands
+
+
+@pytest.mark.parametrize('in_one_amplitude', [False, True])
+def test_an_echo_that_one_amplitude_alone_shows_has_several_sizes(data, in_one_amplitude):
+    """A gain that ripples over the sweep looks so: an echo shows as much in both phases as in both amplitudes.
+
+    Noise of every number is added, so that nothing stands out but the ripple; the seed is fixed.
+    """
+    comparison = Comparison(data)
+    recipe = Effect.registry['echo'].recipes[0]
+    values = dict(recipe.start) | {'excess_range': 30.0, 'relative_power': -55.0, 'phase': 1.0}
+    echo = Candidate('echo', '', recipe, values)
+    added = comparison.template([echo.build()])
+    if in_one_amplitude:
+        added = np.where(comparison.entries.where(kind='ramp', station=1), added, 0.0)
+    noise = np.random.default_rng(7).normal(size=len(added)) * (comparison.residual != 0.0)
+    comparison.residual = 30.0 * added / np.linalg.norm(added) + noise
+    fitting = Fitting(comparison)
+    fitted = fitting.fit([(echo, values)], exact=True)
+    assert fitted.misfit < fitting.misfit(0.0) - 100.0  # it does imitate
+    assert uneven(fitting, fitted) == [in_one_amplitude]
