@@ -276,8 +276,7 @@ def beyond_steps(fitting: Fitting, fitted: Fitted) -> list[float]:
 
     def added_by(numbers: tuple[int, ...]) -> np.ndarray | None:
         """Return what effects add, whitened (n,); None where they show elsewhere than a step does."""
-        others = [e.build() for i, e in enumerate(fitted.effects) if i not in numbers]
-        added = whitening(fitted.template - (c.template(others) if others else 0.0))
+        added = whitening(fitting.added_beside(fitted, *numbers))
         of_clock = all(fitted.effects[i].candidate.kind.acts_on is ActsOn.CLOCK for i in numbers)
         by_path = float(np.sum(added[of_path] ** 2)) >= LIMITS.by_path * float(added @ added)
         return added if of_clock or by_path else None

@@ -217,8 +217,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     by_aside = float(np.sum(as_left**2) - left_over @ left_over)
     found = []
     for number, own in enumerate(fitted.spans):
-        others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
-        alone = fitted.template - (fitting.comparison.template(others) if others else 0.0)
+        alone = fitting.added_beside(fitted, number)
         added, measured = whitening(alone), as_measured(alone)
         per_group = fitted.effects[number].candidate.recipe.per_group
         # sizes of single groups can neither predict nor confirm each other
@@ -285,20 +284,18 @@ def uneven(fitting: Fitting, fitted: Fitted) -> list[bool]:
     Something else imitates such an effect, also where no kind of number shows by itself that it leaves anything.
     Bursts differ by chance.
     """
-    c, whitening = fitting.comparison, fitting.whitening
-    rest = whitening(c.residual - fitted.template)
-    found = []
-    for number, effect in enumerate(fitted.effects):
-        others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
-        added = whitening(fitted.template - (c.template(others) if others else 0.0))
-        found.append(
-            not effect.candidate.kind.bursts
-            and any(
-                _unevenness(rest, added, parts) > most and _chance_of_sizes(rest, added, parts) < LIMITS.by_chance
-                for parts, most in ((c.entries.group, LIMITS.over_groups), (_confirming(fitting), LIMITS.over_kinds))
-            )
+    c = fitting.comparison
+    rest = fitting.whitening(c.residual - fitted.template)
+    either = (c.entries.group, LIMITS.over_groups), (_confirming(fitting), LIMITS.over_kinds)
+
+    def differs(number: int) -> bool:
+        added = fitting.whitening(fitting.added_beside(fitted, number))
+        return any(
+            _unevenness(rest, added, parts) > most and _chance_of_sizes(rest, added, parts) < LIMITS.by_chance
+            for parts, most in either
         )
-    return found
+
+    return [not effect.candidate.kind.bursts and differs(number) for number, effect in enumerate(fitted.effects)]
 
 
 def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
@@ -458,17 +455,22 @@ def _unevenness(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float
     In each part the size that fits best is 1 + (added . rest) / (added . added) times that of the explanation, with a
     variance of 1 / (added . added); parts count by their power, those of less than the noise not at all.
     """
-    power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
-    used = power > 1.0
-    squares = overlap[used] ** 2 / power[used]
-    return float((squares.sum() - np.count_nonzero(used)) / max(power.sum(), 1e-30))
+    squares = _differences(rest, added, parts)
+    return float((squares.sum() - len(squares)) / max(float(added @ added), 1e-30))
 
 
 def _chance_of_sizes(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:
     """Return the chance of sizes that differ so much from part to part, see `_unevenness`."""
+    squares = _differences(rest, added, parts)
+    return float(stats.chi2.sf(squares.sum(), max(len(squares), 1)))
+
+
+def _differences(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Return the squared differences of an effect's size in each part that counts over their variances."""
     power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
     used = power > 1.0
-    return float(stats.chi2.sf(np.sum(overlap[used] ** 2 / power[used]), max(np.count_nonzero(used), 1)))
+    squares: np.ndarray = overlap[used] ** 2 / power[used]
+    return squares
 
 
 def _smallest_size(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:

@@ -90,8 +90,7 @@ def beyond_events(fitting: Fitting, fitted: Fitted) -> list[float]:
     of_ramp = c.entries.where(kind='ramp')
     found = []
     for number, own in enumerate(fitted.spans):
-        others = [e.build() for i, e in enumerate(fitted.effects) if i != number]
-        added = whitening(fitted.template - (c.template(others) if others else 0.0))
+        added = whitening(fitting.added_beside(fitted, number))
         if float(np.sum(added[of_ramp] ** 2)) < LIMITS.by_ramp * float(added @ added):
             found.append(np.inf)
             continue

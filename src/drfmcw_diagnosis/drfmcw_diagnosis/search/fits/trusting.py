@@ -147,6 +147,11 @@ class Trusting(Templates):
             changing=lambda: c.changing([e.build() for e in fitted.effects]),
         )
 
+    def added_beside(self, fitted: Fitted, *numbers: int) -> np.ndarray:
+        """Return what some effects of an explanation add beside the others (n,)."""
+        others = [e.build() for i, e in enumerate(fitted.effects) if i not in numbers]
+        return fitted.template - self.comparison.template(others) if others else fitted.template
+
     def added_alone(self, fitted: Fitted) -> np.ndarray:
         """Return what each effect of an explanation adds by itself, whitened (effects, n)."""
         return self.whitening(np.array([self.comparison.template([e.build()]) for e in fitted.effects]))
