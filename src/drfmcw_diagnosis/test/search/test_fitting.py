@@ -77,16 +77,26 @@ def test_standard_deviations_are_those_of_slopes_at_the_end():
     np.testing.assert_allclose(stated, expected, rtol=0.05)
 
 
-def test_what_is_held_stays_as_it_is_while_others_are_fitted():
-    """Also sizes of single groups; a distortion is fitted to the very lines that all effects together make."""
+def speeds_of(comparison):
+    values = {f'velocity[{g}]': 0.002 * g for g in range(len(comparison.members))}
+    return start('target_motion', '', **values)
+
+
+def ramp_of(comparison):
+    (bent, *_) = [c for c in of_coefficients(('slave',)) if c.station == 'slave']
+    return bent, {name: 1.0 + 1e-5 * (k % 3) for k, name in enumerate(bent.values)}
+
+
+@pytest.mark.parametrize('of', [speeds_of, ramp_of])
+def test_what_is_held_stays_as_it_is_while_others_are_fitted(of):
+    """Also sizes of single groups, and coefficients; a distortion is fitted to the lines that all effects make."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))
-    speeds = {f'velocity[{g}]': 0.002 * g for g in range(len(comparison.members))}
-    held, _ = start('target_motion', '', **speeds)
-    others = [(dataclasses.replace(held, held=True), speeds)]
-    true = [held.build(speeds), Effect.registry['clipping'](level=-28.0, station='master')]
+    held, values = of(comparison)
+    true = [held.build(values), Effect.registry['clipping'](level=-28.0, station='master')]
     comparison.residual = comparison.template(true)
+    others = [(dataclasses.replace(held, held=True), values)]
     found = Fitting(comparison).fit([*others, start('clipping', 'master', level=-28.2)])
-    assert found.effects[0].values == speeds and not found.effects[0].stds
+    assert found.effects[0].values == values and not found.effects[0].stds
     assert found.effects[1].values['level'] == pytest.approx(-28.0, abs=0.01)
 
 

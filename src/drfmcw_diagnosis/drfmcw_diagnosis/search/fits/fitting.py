@@ -36,7 +36,7 @@ def _stated(covariance: np.ndarray, chosen: Sequence[Candidate], names: Sequence
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     for number, candidate in enumerate(chosen):
-        if candidate.recipe.coefficients:
+        if candidate.recipe.coefficients and not candidate.held:
             own = [k for k, (i, _) in enumerate(names) if i == number]
             apart = np.eye(len(own)) - 1.0 / len(own)
             std[own] = np.sqrt(np.maximum(np.diag(apart @ covariance[np.ix_(own, own)] @ apart), 0.0))
