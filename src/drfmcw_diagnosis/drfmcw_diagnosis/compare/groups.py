@@ -8,11 +8,13 @@ import numpy as np
 from scipy import stats
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
-from drfmcw_sim.effects import Effect
+from drfmcw_sim.effects import ActsOn, Effect, Motion, Stage
 from drfmcw_sim.measurements import Measurements
 
 from ..features.extractor import Extractor, SweepFeatures
 from .limits import SCATTER
+
+_BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follow the distance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +83,26 @@ def move(m: Measurements, way: np.ndarray) -> None:
     """Move the target of each measurement farther (n,) [m], in place."""
     m.range += way
     m.paths[0].delay += way * m.refractive_index / SPEED_OF_LIGHT
+
+
+def follows_distance(effect: Effect | type[Effect]) -> bool:
+    """Return whether what an effect adds may follow the true distance to a part of the carrier's wavelength."""
+    return ActsOn.DELAY in effect.acts_on and effect.stage in _BY_DISTANCE and not displaces(effect)
+
+
+def displaces(effect: Effect | type[Effect]) -> bool:
+    """Return whether the crane stands elsewhere than the reference says if an effect acts."""
+    return effect.motion is not Motion.NONE or ActsOn.REFERENCE in effect.acts_on
+
+
+def places(effect: Effect | type[Effect]) -> bool:
+    """Return whether an effect changes the distance that others follow: where the crane stands, or how far that is."""
+    return displaces(effect) or effect.stage == Stage.GEOMETRY
+
+
+def shows_place(effect: Effect) -> bool:
+    """Return whether what an effect adds shows where the crane is: a bent ramp does by the line's frequency."""
+    return follows_distance(effect) or effect.motion is not Motion.NONE or effect.shapes_chirp
 
 
 def align(

@@ -14,28 +14,11 @@ from drfmcw_sim.measurements import Measurements
 from ..features.extractor import SweepFeatures, quiet_sweeps, ramp_spectrum
 from ..features.spectra import local_noise, mean_power
 from ..features.surges import unevenness
-from .groups import Part, acted, move
+from .groups import Part, acted, move, shows_place
 from .limits import SIMULATION
 from .noise_model import NoiseModel
 from .recorded_sweeps import RecordedSweeps
 from .simulated_sweeps import SimulatedSweeps
-
-_BY_DISTANCE = (Stage.GEOMETRY, Stage.PATHS)  # stages of effects that may follow the distance
-
-
-def follows_distance(effect: Effect | type[Effect]) -> bool:
-    """Return whether what an effect adds may follow the true distance to a part of the carrier's wavelength."""
-    return ActsOn.DELAY in effect.acts_on and effect.stage in _BY_DISTANCE and not displaces(effect)
-
-
-def displaces(effect: Effect | type[Effect]) -> bool:
-    """Return whether the crane stands elsewhere than the reference says if an effect acts."""
-    return effect.motion is not Motion.NONE or ActsOn.REFERENCE in effect.acts_on
-
-
-def _shows_place(effect: Effect) -> bool:
-    """Return whether what an effect adds shows where the crane is: a bent ramp does by the line's frequency."""
-    return follows_distance(effect) or effect.motion is not Motion.NONE or effect.shapes_chirp
 
 
 @dataclasses.dataclass(frozen=True)
@@ -421,7 +404,7 @@ class Predictor:
         error = reading - part.steady.range
         if displaced:
             error = error - self.recorded.reference_noise[part.groups]
-        if not error.any() or not any(map(_shows_place, effects)):
+        if not error.any() or not any(map(shows_place, effects)):
             return part, reading
         steady = part.steady.rows(slice(None))
         move(steady, -error)

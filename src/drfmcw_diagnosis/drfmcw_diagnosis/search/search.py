@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
-from ..compare.predicting import displaces
+from ..compare.groups import displaces
 from ..compare.steadiness import LIMITS as STEADINESS
 from ..compare.steadiness import odds_of_one_size
 from .fits.fitted import Fitted, FittedEffect, Freedom, Linearised, cells_of

@@ -2,11 +2,14 @@
 
 import math
 
+import pytest
+from checkout import DATA
 from scenes import record, scene
 
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.search import Search
+from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_sim.effects import Effect
 
 
@@ -26,3 +29,18 @@ def test_a_limit_that_makes_noise_uneven_comes_before_bursts(tmp_path):
     tried = 'clipping', 'compression', 'interference_burst'
     best = Search(comparison, without=set(Effect.registry) - set(tried)).best_addition(None)[0]
     assert [(e.candidate.effect, e.candidate.station) for e in best.effects] == [('clipping', 'slave')]
+
+
+def test_a_reflection_is_sought_where_slant_geometry_has_the_antenna():
+    """A third of a metre more where the crane is nearest turns its fringes by half a wave; data without noise."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    slant = Effect.registry['slant_geometry'](height_difference=5.0)
+    ground = Effect.registry['ground_reflection'](height_product=80.0, coefficient=0.02)
+    comparison.residual = comparison.template([slant, ground])
+    search = Search(comparison, without=set(Effect.registry) - {'slant_geometry', 'ground_reflection', 'echo'})
+    values = {'height_difference': 5.0}
+    known = search.fit([(Candidate('slant_geometry', '', type(slant).recipes[0], values), values)])
+    found = search.best_addition(known)[0]
+    assert found.effects[-1].key == ('ground_reflection', '')
+    assert found.effects[-1].values['height_product'] == pytest.approx(80.0, abs=0.01)
+    assert found.misfit < 1.0

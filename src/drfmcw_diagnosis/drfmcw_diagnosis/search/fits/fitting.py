@@ -12,7 +12,7 @@ from drfmcw_sim.effects import Effect
 
 from ...compare.algebra import scaled_inverse
 from ...compare.comparison import Comparison
-from ...compare.predicting import displaces
+from ...compare.groups import displaces
 from ..starts.bank import Candidate
 from .fitted import Fitted, FittedEffect, Freedom, Linearised
 from .limits import FIT

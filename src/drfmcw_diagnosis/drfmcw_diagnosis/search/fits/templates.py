@@ -15,7 +15,7 @@ import numpy as np
 from drfmcw_sim.effects import Effect
 
 from ...compare.comparison import Comparison
-from ...compare.predicting import displaces, follows_distance
+from ...compare.groups import follows_distance, places
 from .fitted import Fitted
 from .limits import FIT
 
@@ -52,7 +52,7 @@ class Templates:
         """
         effects = fitted.build() if fitted is not None else []
         before = self._place, self._level, self._distorting
-        self._place = self._context(filter(displaces, effects))
+        self._place = self._context(filter(places, effects))
         self._level = self._about_as_loud(self._context(filter(self._changes_level, effects)))
         self._distorting = tuple(effect for effect in effects if effect.distorts)
         try:
@@ -88,10 +88,10 @@ class Templates:
 
     def _around(self, effects: Sequence[Effect]) -> _Amid:
         """Return amid which effects some are simulated."""
+        known = set(map(_key, effects))
         if effects and all(map(follows_distance, effects)):
-            return self._place
+            return _Amid() if known.intersection(map(_key, self._place.effects)) else self._place
         if effects and all(effect.distorts for effect in effects):
-            known = set(map(_key, effects))
             others = [
                 other
                 for other in self._distorting
