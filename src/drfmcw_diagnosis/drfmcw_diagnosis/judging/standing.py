@@ -27,6 +27,8 @@ What shows over the sweep alone is in doubt where an event at one time of the sw
 a second path where one of a reflector that stands still or is there along a part of the track does, see `paths`. What
 is left beside an effect is what is left beside the events that are set aside as well.
 
+Bursts that last longer than a sweep are in doubt: whatever makes some sweeps noisier than others does as much.
+
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `compare.steadiness`.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
@@ -94,6 +96,7 @@ class StandingLimits:
     alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
     cancelled: float = 4.0  # power of an effect over that of the sum with all that may cancel it, at most [1]
     by_chance: float = 1e-6  # chance of sizes that differ more than `over_groups` or `over_kinds`, at most [1]
+    lasting: float = 1.0  # time that a burst lasts over the sweep's duration, at most [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
 
@@ -127,6 +130,7 @@ class Standing:
     beyond_event: float = np.inf  # of effects that show over the sweep alone
     beyond_path: float = np.inf  # of second paths
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
+    lasting: float = 0.0  # of bursts
     is_harmonic: bool = False  # or the fundamental of another line of the explanation
 
     @property
@@ -147,6 +151,7 @@ class Standing:
             and self.uneven_power < LIMITS.uneven_power
             and self.repeated < LIMITS.repeated
             and self.multiples < LIMITS.multiples
+            and self.lasting < LIMITS.lasting
             and not self.is_harmonic
             and self.inflated < LIMITS.inflated
             and self.over_aside > LIMITS.faint
@@ -272,6 +277,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 beyond_event=beyond[number],
                 beyond_path=paths[number],
                 one_size=one_size[number],
+                lasting=_lasting(fitting, fitted.effects[number]) if bursts else 0.0,
                 is_harmonic=periodic[number],
             )
         )
@@ -315,6 +321,12 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
     slope = slopes[own.start + effect.candidate.free.index(recipe.size)]
     left = Freedom(np.delete(slopes, own, axis=0)).left(slope)
     return abs(effect.values[recipe.size]) * float(np.linalg.norm(left))
+
+
+def _lasting(fitting: Fitting, effect: FittedEffect) -> float:
+    """Return the longest time within a sweep that an effect names over the sweep's duration."""
+    duration = min(sweep.ramp_duration for sweep in fitting.comparison.data.sweeps[0])
+    return max(effect.values[name] for name in effect.candidate.recipe.within_sweep) / duration
 
 
 def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:

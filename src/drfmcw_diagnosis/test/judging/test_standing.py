@@ -119,6 +119,17 @@ def test_what_comes_and_goes_stands_beside_an_unknown_gain(data, effect, paramet
     assert dataclasses.replace(standing, one_size=np.inf).stands
 
 
+@pytest.mark.parametrize(('duration', 'stands'), [(1e-4, True), (1.5e-3, False)])
+def test_bursts_that_outlast_the_sweep_do_not_stand(data, duration, stands):
+    """Whatever makes some sweeps noisier than others looks like them. Nothing is by chance; a sweep takes 1 ms."""
+    comparison = Comparison(data)
+    bursts = {'probability': 0.2, 'level': -40.0, 'duration': duration}
+    fitting = concealed(comparison, Effect.registry['interference_burst'](**bursts, station='master'))
+    (standing,) = standings(fitting, fitted(fitting, 'interference_burst', 'master', **bursts))
+    assert standing.stands == stands
+    assert dataclasses.replace(standing, lasting=0.0).stands
+
+
 @pytest.mark.parametrize(('bend', 'stands'), [(2e-3, True), (2e-2, False)])
 def test_the_range_is_no_evidence_where_the_phase_is_bent_as_far(data, bend, stands):
     """Half a turn of ripple over the sweep may shift the range by 1.1 m per radian rms. Nothing is by chance."""

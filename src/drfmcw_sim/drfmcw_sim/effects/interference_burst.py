@@ -27,6 +27,7 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
             '',
             start={'level': -50.0, 'duration': 5e-5},
             prior={'probability': 0.5, 'level': 20.0, 'duration': 1e-4},
+            within_sweep=('duration',),
             each_sweep='probability',
             steps={'probability': 0.05, 'level': 0.5, 'duration': 1e-5},
             scan='bursts',
