@@ -223,7 +223,8 @@ def forward(
         if events.set_aside(search, current, best):
             continue
         rounds.append(ranked)
-        instead = _without_uncertain(search, ranked, best, dropped)
+        needed = current.evidence if current else 0.0
+        instead = _without_uncertain(search, ranked, best, needed, dropped)
         if instead is not None:
             current = instead
             continue
@@ -235,7 +236,6 @@ def forward(
         chance = search.probability(gain, len(added.candidate.free), added.key)
         if len(rounds) == 1:
             significance = chance
-        needed = current.evidence if current else 0.0
         accepted = false_alarm_rate * (1.0 if current is None else SELECTION.further)
         if chance > accepted or best.evidence <= needed + SELECTION.added:
             break
@@ -268,7 +268,7 @@ def _relocated(search: Search, ranked: list[Fitted], best: Fitted, beside: np.nd
 
 
 def _without_uncertain(
-    search: Search, ranked: list[Fitted], best: Fitted | None, dropped: set[tuple[str, str]]
+    search: Search, ranked: list[Fitted], best: Fitted | None, needed: float, dropped: set[tuple[str, str]]
 ) -> Fitted | None:
     """Return an explanation without an earlier effect that a further one makes uncertain; None where none is better.
 
@@ -279,9 +279,12 @@ def _without_uncertain(
         search: prepared.
         ranked: explanations with one more effect, best first.
         best: of those all of whose effects are certain.
+        needed: evidence of the explanation without a further effect.
         dropped: effects that were left out so before; the new ones are added.
     """
     for other in ranked:
+        if other.evidence <= needed + SELECTION.added:
+            break
         if best is not None and other.evidence < best.evidence + SELECTION.better:
             break
         numbers = [number for number, effect in enumerate(other.effects) if not effect.certain]
