@@ -308,7 +308,8 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
     """Return the size of an effect over its standard deviation, infinity where it is a level or one of several.
 
     An uncertain shape makes the size uncertain too, but says nothing of whether it is there: of the parameters only
-    those of other effects are free.
+    those of other effects are free. But a sway whose size and frequency make up for each other is so slow that any
+    drift within the groups looks like it.
 
     Args:
         effect: of the explanation.
@@ -318,8 +319,9 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
     recipe = effect.candidate.recipe
     if not recipe.may_vanish:
         return np.inf
-    slope = slopes[own.start + effect.candidate.free.index(recipe.size)]
-    left = Freedom(np.delete(slopes, own, axis=0)).left(slope)
+    size = own.start + effect.candidate.free.index(recipe.size)
+    held = size if effect.candidate.kind.motion is Motion.SWAY else own
+    left = Freedom(np.delete(slopes, held, axis=0)).left(slopes[size])
     return abs(effect.values[recipe.size]) * float(np.linalg.norm(left))
 
 
