@@ -5,12 +5,14 @@ In: a comparison, what an explanation leaves of it. Out: starting points with th
 
 import collections
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_sim.effects import Recipe
 
 from ..compare.algebra import scaled_inverse
 from ..compare.comparison import Comparison
@@ -94,23 +96,28 @@ class Promising(Fitting):
 
     def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
         """Return the starting points that scanners find in the remainder."""
-        found = []
         rest = Rest(self.comparison, residual, self.comparison.distances(self._place.effects))
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
-        for effect, recipe in recipes(self.left_out):
-            if not recipe.scan or only not in ('', effect):
-                continue
-            for station in at_stations(effect, recipe, stations):
-                number = receivers.index(station) if station in receivers else -1
-                begun = []
-                for point in starting_points(rest, recipe, number):
-                    candidate = Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point)
-                    low, high = self.bounds(candidate, recipe.scanned)
-                    within = {recipe.scanned: min(max(candidate.values[recipe.scanned], low), high)}
-                    begun.append(dataclasses.replace(candidate, values=candidate.values | within))
-                found += [candidate for n, candidate in enumerate(begun) if candidate not in begun[:n]]
-        return found
+        wanted = [
+            (effect, recipe, station)
+            for effect, recipe in recipes(self.left_out)
+            if recipe.scan and only in ('', effect)
+            for station in at_stations(effect, recipe, stations)
+        ]
+
+        def begun(one: tuple[str, Recipe, str]) -> list[Candidate]:
+            effect, recipe, station = one
+            number = receivers.index(station) if station in receivers else -1
+            candidates = []
+            for point in starting_points(rest, recipe, number):
+                candidate = Candidate(effect, station, recipe.at(wave), dict(recipe.start) | point)
+                low, high = self.bounds(candidate, recipe.scanned)
+                within = {recipe.scanned: min(max(candidate.values[recipe.scanned], low), high)}
+                candidates.append(dataclasses.replace(candidate, values=candidate.values | within))
+            return [candidate for n, candidate in enumerate(candidates) if candidate not in candidates[:n]]
+
+        return list(itertools.chain.from_iterable(self.workers.map(begun, wanted)))
 
     def templates_beside(self, fitted: Fitted | None, scanned: bool = True) -> np.ndarray:
         """Return the templates of all starting points that may be tried beside an explanation (M, n).
