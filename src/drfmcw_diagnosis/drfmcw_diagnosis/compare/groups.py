@@ -95,7 +95,7 @@ def displaces(effect: Effect | type[Effect]) -> bool:
     return effect.motion is not Motion.NONE or ActsOn.REFERENCE in effect.acts_on
 
 
-def places(effect: Effect | type[Effect]) -> bool:
+def changes_distance(effect: Effect | type[Effect]) -> bool:
     """Return whether an effect changes the distance that others follow: where the crane stands, or how far that is."""
     return displaces(effect) or effect.stage == Stage.GEOMETRY
 

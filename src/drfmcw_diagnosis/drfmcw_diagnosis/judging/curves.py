@@ -2,7 +2,8 @@
 
 In: an explanation. Out: of each effect that shows there alone, what a freer curve of the same condition explains beside
 it, and by how much it explains more than a step over any condition in its place. A bent rail resembles a scale, a
-crystal that jumps resembles several drifts: such an effect is in doubt.
+crystal that jumps resembles several drifts, what follows a temperature late resembles what follows it at once: such an
+effect is in doubt.
 """
 
 import dataclasses
@@ -32,6 +33,9 @@ class CurveLimits:
 
     cubic: tuple[int, ...] = (0, 1, 2, 3)
     """Degrees of a curve that is set aside, or that follows an effect of one condition; chosen."""
+
+    lags: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5)
+    """Time constants with which something may follow a temperature, over the recording's length [1]; chosen."""
 
     longest: float = 1.5
     """Period of a wave over the time, over the recording's length [1], at most; chosen: a longer one is a curve."""
@@ -97,11 +101,33 @@ def conditions(fitting: Fitting) -> dict[str, np.ndarray]:
     return {name: x for name, x in found.items() if np.isfinite(x).all() and np.ptp(x) > 0.0}
 
 
+def lags(fitting: Fitting) -> dict[str, np.ndarray]:
+    """Return by how much temperatures lead what follows them with time constants (T,): by condition, (T, G) [K]."""
+    c, data = fitting.comparison, fitting.comparison.data
+    order = np.argsort(data.time)
+    steps = np.diff(data.time[order])
+    constants = np.array(LIMITS.lags) * max(float(np.ptp(data.time)), 1e-9)
+    kept = np.exp(-steps[:, None] / constants)
+    boards = {f'board {i}': board for i, board in enumerate(data.board_temperature)}
+    found = {}
+    for name, temperature in {'air': data.temperature, **boards}.items():
+        course = np.asarray(temperature, float)[order]
+        follows = np.empty((len(course), len(constants)))
+        follows[0] = course[0]
+        for n, share in enumerate(kept):
+            follows[n + 1] = share * follows[n] + (1.0 - share) * course[n + 1]
+        ahead = np.empty_like(follows)
+        ahead[order] = course[:, None] - follows
+        found[name] = np.array([ahead[m].mean(axis=0) for m in c.members]).T
+    return found
+
+
 def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray) -> list[float | None]:
     """Return of each effect what a freer curve of its own condition explains of the range's error beside it.
 
-    None where an effect depends on no condition alone, or is no effect on the range alone. Zero where chance explains
-    as much, or where a curve of another condition explains far more.
+    Of a temperature also what follows it late, if that explains more than a curve of any condition. None where an
+    effect depends on no condition alone, or is no effect on the range alone. Zero where chance explains as much, or
+    where a curve of another condition explains far more.
 
     Args:
         fitting: of the recording.
@@ -117,6 +143,11 @@ def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray)
         followed = beside.left(fitting.whitening(_curves(fitting, kind, x, LIMITS.degrees)))
         gains[name] = gain_of(followed, rest)
     most = max(gains.values(), default=0.0)
+    late = {}
+    for name, ahead in lags(fitting).items():
+        followed = beside.left(fitting.whitening(_in_numbers(fitting, kind, ahead)))
+        power = np.einsum('tn,tn->t', followed, followed)
+        late[name] = float(np.max((followed @ rest) ** 2 / np.maximum(power, 1e-30)))
     found: list[float | None] = []
     for effect in fitted.effects:
         added = c.predict((effect.build(),)).range - c.plain.range  # in each group (G,) [m]
@@ -126,7 +157,10 @@ def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray)
             continue
         gain = max(gains[name] for name in own)
         by_chance = float(stats.chi2.sf(gain, len(LIMITS.degrees))) > LIMITS.chance
-        found.append(0.0 if by_chance or gain < LIMITS.nearly_best * most else gain)
+        curve = 0.0 if by_chance or gain < LIMITS.nearly_best * most else gain
+        later = max((late[name] for name in own if name in late), default=0.0)
+        unlikely = len(LIMITS.lags) * float(stats.chi2.sf(later, 1)) < LIMITS.chance
+        found.append(max(curve, later) if unlikely and later > most else curve)
     return found
 
 

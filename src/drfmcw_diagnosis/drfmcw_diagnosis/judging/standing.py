@@ -328,7 +328,7 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
 def _lasting(fitting: Fitting, effect: FittedEffect) -> float:
     """Return the longest time within a sweep that an effect names over the sweep's duration."""
     duration = min(sweep.ramp_duration for sweep in fitting.comparison.data.sweeps[0])
-    return max(effect.values[name] for name in effect.candidate.recipe.within_sweep) / duration
+    return max((effect.values[name] for name in effect.candidate.recipe.within_sweep), default=0.0) / duration
 
 
 def cancellations(fitting: Fitting, fitted: Fitted) -> list[float]:

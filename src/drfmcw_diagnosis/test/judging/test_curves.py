@@ -1,5 +1,7 @@
 """Curves and steps without a name: which effects they cast doubt on, and which of them are set aside."""
 
+import itertools
+
 import numpy as np
 import pytest
 from checkout import DATA
@@ -52,6 +54,24 @@ def test_a_bent_rail_is_no_air(data):
     fitting = Fitting(comparison)
     curve, step = judged(fitting, fit(fitting, 'air_refractivity', '', offset=150.0))
     assert curve == 0.0 and step > 25.0
+
+
+@pytest.mark.parametrize(('late', 'doubted'), [(True, True), (False, False)])
+def test_what_follows_a_temperature_late_is_no_temperature_slope(data, late, doubted):
+    """A cable has the board's temperature a minute later. Nothing is by chance."""
+    comparison = Comparison(data)
+    board = np.asarray(data.board_temperature[0], float)
+    course = board.copy()
+    if late:
+        for before, n in itertools.pairwise(np.argsort(data.time)):
+            course[n] = board[n] + (course[before] - board[n]) * np.exp((data.time[before] - data.time[n]) / 60.0)
+    warmer = np.array([course[m].mean() for m in comparison.members]) - data.calibration[0].temperature
+    comparison.residual = range_errors(comparison, 0.02 * warmer)
+    fitting = Fitting(comparison)
+    found = fit(fitting, 'delay_temperature', 'master', slope=50.0)
+    curve, _ = judged(fitting, found)
+    explained = fitting.misfit(0.0) - found.misfit
+    assert (curve > 0.02 * explained) == doubted
 
 
 def test_a_moved_connector_is_no_drift(data):

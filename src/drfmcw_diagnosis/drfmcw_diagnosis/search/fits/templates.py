@@ -15,7 +15,7 @@ import numpy as np
 from drfmcw_sim.effects import Effect
 
 from ...compare.comparison import Comparison
-from ...compare.groups import follows_distance, places
+from ...compare.groups import changes_distance, follows_distance
 from .fitted import Fitted
 from .limits import FIT
 
@@ -52,7 +52,7 @@ class Templates:
         """
         effects = fitted.build() if fitted is not None else []
         before = self._place, self._level, self._distorting
-        self._place = self._context(filter(places, effects))
+        self._place = self._context(filter(changes_distance, effects))
         self._level = self._about_as_loud(self._context(filter(self._changes_level, effects)))
         self._distorting = tuple(effect for effect in effects if effect.distorts)
         try:
@@ -90,7 +90,8 @@ class Templates:
         """Return amid which effects some are simulated."""
         known = set(map(_key, effects))
         if effects and all(map(follows_distance, effects)):
-            return _Amid() if known.intersection(map(_key, self._place.effects)) else self._place
+            own = known.intersection(map(_key, self._place.effects))  # a fit of the place itself has them once
+            return _Amid() if own else self._place
         if effects and all(effect.distorts for effect in effects):
             others = [
                 other
