@@ -66,5 +66,4 @@ class InterferenceBurst(Effect, name='interference_burst', of=Of.STATION):
                 continue
             begin = int(np.ceil(start * count))
             end = int(np.ceil(min(start * count + self.duration * rate * station.sample_clock[row], count)))
-            noise = generator.standard_normal(signal[row, begin:end].shape, dtype=np.float32)
-            signal[row, begin:end] += std * noise
+            signal[row, begin:end] += std * generator.standard_normal(signal[row, begin:end].shape, dtype=np.float32)
