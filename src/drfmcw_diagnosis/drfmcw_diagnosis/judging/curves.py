@@ -8,6 +8,7 @@ effect is in doubt.
 
 import dataclasses
 import itertools
+from collections.abc import Collection
 
 import numpy as np
 from scipy import stats
@@ -16,6 +17,7 @@ from drfmcw_sim.effects import ActsOn, Effect, Stated
 
 from ..compare.algebra import gain_of, sizes_of
 from ..compare.kinds import Kind
+from ..recording.dataset import Dataset
 from ..search.fits.fitted import Fitted, Freedom
 from ..search.fits.fitting import Fitting
 from ..search.fits.whitening import Whitening
@@ -94,24 +96,35 @@ def conditions(fitting: Fitting) -> dict[str, np.ndarray]:
     def mean(values: np.ndarray) -> np.ndarray:
         return np.array([float(np.mean(values[m])) for m in c.members])
 
-    found = {'distance': c.recorded.distance, 'time': mean(data.time), 'air': mean(data.temperature)}
+    found = {'distance': c.recorded.distance, 'time': mean(data.time)}
     if not c.standing.all():
         found['speed'] = c.slope
-    found |= {f'board {i}': mean(board) for i, board in enumerate(data.board_temperature)}
+    found |= {name: mean(temperature) for name, temperature in _temperatures(data).items()}
     return {name: x for name, x in found.items() if np.isfinite(x).all() and np.ptp(x) > 0.0}
 
 
-def lags(fitting: Fitting) -> dict[str, np.ndarray]:
-    """Return by how much temperatures lead what follows them with time constants (T,): by condition, (T, G) [K]."""
+def _temperatures(data: Dataset) -> dict[str, np.ndarray]:
+    """Return the temperatures of a recording by the names of conditions, in each sweep (n,) [degC]."""
+    return {'air': data.temperature} | {f'board {i}': board for i, board in enumerate(data.board_temperature)}
+
+
+def _leads(fitting: Fitting, names: Collection[str]) -> dict[str, np.ndarray]:
+    """Return by how much temperatures lead what follows them with time constants (T,): by condition, (T, G) [K].
+
+    Args:
+        fitting: of the recording.
+        names: of the conditions wanted, whether temperatures or not.
+    """
     c, data = fitting.comparison, fitting.comparison.data
     order = np.argsort(data.time)
     steps = np.diff(data.time[order])
     constants = np.array(LIMITS.lags) * max(float(np.ptp(data.time)), 1e-9)
     kept = np.exp(-steps[:, None] / constants)
-    boards = {f'board {i}': board for i, board in enumerate(data.board_temperature)}
     found = {}
-    for name, temperature in {'air': data.temperature, **boards}.items():
-        course = np.asarray(temperature, float)[order]
+    for name, temperature in _temperatures(data).items():
+        if name not in names:
+            continue
+        course = temperature[order]
         follows = np.empty((len(course), len(constants)))
         follows[0] = course[0]
         for n, share in enumerate(kept):
@@ -144,10 +157,9 @@ def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray)
         gains[name] = gain_of(followed, rest)
     most = max(gains.values(), default=0.0)
     late = {}
-    for name, ahead in lags(fitting).items():
-        followed = beside.left(fitting.whitening(_in_numbers(fitting, kind, ahead)))
-        power = np.einsum('tn,tn->t', followed, followed)
-        late[name] = float(np.max((followed @ rest) ** 2 / np.maximum(power, 1e-30)))
+    for name, leads in _leads(fitting, over).items():
+        followed = beside.left(fitting.whitening(_in_numbers(fitting, kind, leads)))
+        late[name] = max(gain_of(one[None], rest) for one in followed)
     found: list[float | None] = []
     for effect in fitted.effects:
         added = c.predict((effect.build(),)).range - c.plain.range  # in each group (G,) [m]

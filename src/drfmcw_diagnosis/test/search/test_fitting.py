@@ -82,8 +82,14 @@ def speeds_of(comparison):
     return start('target_motion', '', **values)
 
 
+def bent_ramp(station):
+    """Return the effect of the fewest coefficients."""
+    (fewest, *_) = [c for c in of_coefficients((station,)) if c.station == station]
+    return fewest
+
+
 def ramp_of(comparison):
-    (bent, *_) = [c for c in of_coefficients(('slave',)) if c.station == 'slave']
+    bent = bent_ramp('slave')
     return bent, {name: 1.0 + 1e-5 * (k % 3) for k, name in enumerate(bent.values)}
 
 
@@ -186,7 +192,7 @@ def test_what_mirror_lines_bring_by_chance_counts_as_noise():
 def test_a_bent_ramp_begins_as_the_effect_whose_place_it_takes(station):
     """At its own station, and bent the other way at the other one, as which it beats: far less than 1 % is left."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))
-    (fewest, *_) = [c for c in of_coefficients((station,)) if c.station == station]
+    fewest = bent_ramp(station)
     curvature = Effect.registry['sweep_curvature'](station='slave', deviation=2e3)
     values = bent_as(fewest, [curvature], comparison.recorded.parts[0].steady)
     wanted, found = comparison.template([curvature]), comparison.template([fewest.build(values)])
