@@ -26,7 +26,10 @@ BLOCKS = range(24, 41)
 """Lengths of a block that are tried [samples]."""
 
 _PADDING = 4  # of the transform in which a tone is searched
+_NEAR = 2 * _PADDING  # around the frequency at which a tone is expected: two bins of the sweep
+_FAR_STRONGER = 4.0  # power of a tone elsewhere over that of one where it is expected: noise is not, a line is
 _STEPS = 2  # of Newton's method
+_CLEAR = 0.7  # share of the blocks' power in their tone, above which the chirp is beyond doubt
 _ROUNDS = 3  # of mirror line and constant against a line whose chirp is not known
 
 
@@ -173,16 +176,34 @@ class BlockEstimator:
         coarse, records, models = self._begun(found)
         for _ in range(1 if self._chirp_known else _ROUNDS):
             lines = records.without_leakage(models.blocks)
-            chirp = self._chirp(lines)
-            models = self._fit(lines, chirp)
+            chirp, models = self._bent(lines)
         return coarse, lines, chirp, models
 
     def _begun(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], '_Demodulated', '_Lines']:
         """Return coarse frequencies of each station, blocks, and the lines of a first round, leakage included."""
         coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
         records = self._demodulate(found, coarse)
-        chirp = np.zeros(len(coarse[0])) if self._chirp_known else self._chirp(records.line)
-        return coarse, records, self._fit(records.line, chirp)
+        if self._chirp_known:
+            return coarse, records, self._fit(records.line, np.zeros(len(coarse[0])))
+        return coarse, records, self._bent(records.line)[1]
+
+    def _bent(self, lines: np.ndarray) -> tuple[np.ndarray, '_Lines']:
+        """Return the first line's residual chirp (B,) [cycles per sample^2] and the lines fitted with it.
+
+        Noise may feign a chirp. A line that is stronger without it has none.
+        """
+        chirp = self._chirp(lines)
+        models = self._fit(lines, chirp)
+        shown = _power(models.amplitude)
+        doubtful = np.flatnonzero(shown < _CLEAR * _power(lines).mean(axis=-1))
+        if len(doubtful):
+            straight = self._fit(lines[:, doubtful], np.zeros(len(doubtful)))
+            stronger = _power(straight.amplitude) > shown[doubtful]
+            chosen = doubtful[stronger]
+            chirp[chosen] = 0.0
+            for field in dataclasses.fields(_Lines):
+                getattr(models, field.name)[:, chosen] = getattr(straight, field.name)[:, stronger]
+        return chirp, models
 
     def _fit(self, lines: np.ndarray, chirp: np.ndarray) -> '_Lines':
         """Return the lines of blocks (S, B, K), the first one's residual chirp given (B,) [cycles per sample^2]."""
@@ -321,9 +342,9 @@ class PairEstimator(BlockEstimator):
         self, coarse: list[np.ndarray], lines: np.ndarray, chirp: np.ndarray, models: '_Lines'
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return what `_refine` does, from what `_resolve` found."""
-        combined, value = _tone(self._products(lines)[0], self._time[0], self._size)
-        combined += chirp * self._late  # the second station's blocks come later by part of a sample
         (one, two), (first, second) = models.frequency, models.amplitude
+        combined, value = _tone(self._products(lines)[0], self._time[0], self._size, one - self._sign * two)
+        combined += chirp * self._late  # the second station's blocks come later by part of a sample
         turns = two * self._late + 0.5 * self._sign * chirp * self._late**2
         value = value * np.exp(2j * np.pi * self._sign * turns)  # in place, a single row would round differently
         error = 0.5 * (combined - (one - self._sign * two))
@@ -397,6 +418,12 @@ def _chirp(blocks: np.ndarray, size: int, multiple: int) -> np.ndarray:
     return np.angle(step) / (2.0 * np.pi * multiple * lag * size**2)
 
 
+def _power(values: np.ndarray) -> np.ndarray:
+    """Return the squared magnitude of complex values, summed over the first axis."""
+    power: np.ndarray = np.sum(values.real**2 + values.imag**2, axis=0)
+    return power
+
+
 def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return exp(2j pi rate time), complex64 (..., K), of rates (...) [cycles per unit] and times (..., K)."""
     angle = (2.0 * np.pi * (rate[..., None] * time)).astype(np.float32)
@@ -406,17 +433,28 @@ def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
     return result
 
 
-def _tone(blocks: np.ndarray, time: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def _tone(
+    blocks: np.ndarray, time: np.ndarray, size: int, expected: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (frequency [cycles per sample], complex amplitude at time 0) of the strongest tone of each row (...).
 
     Args:
         blocks: (..., K), one value each `size` samples.
         time: of the blocks (..., K) [samples].
         size: of a block [samples].
+        expected: frequency near which the tone is, unless another one is far stronger (...) [cycles per sample].
     """
     length = scipy.fft.next_fast_len(_PADDING * blocks.shape[-1])
     spectrum = scipy.fft.fft(blocks, length)
-    peak = (spectrum.real**2 + spectrum.imag**2).argmax(axis=-1)
+    power = spectrum.real**2 + spectrum.imag**2
+    peak = power.argmax(axis=-1)
+    if expected is not None:
+        around = np.rint(expected * size * length).astype(int)[..., None] + np.arange(-_NEAR, _NEAR + 1)
+        around %= length
+        beside = np.take_along_axis(power, around, axis=-1)
+        near = np.take_along_axis(around, beside.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+        strongest = np.take_along_axis(power, peak[..., None], axis=-1)[..., 0]
+        peak = np.where(strongest > _FAR_STRONGER * beside.max(axis=-1), peak, near)
     frequency = scipy.fft.fftfreq(length, size)[peak]
     spread = 2.0 * np.pi * time.var(axis=-1)
     for step in range(_STEPS + 1):
