@@ -1,21 +1,20 @@
 """Phase noise of a PLL synthesiser: one-pole shape, flat inside the loop, -20 dB per decade above its corner."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy.fft
 
 from .quantities import Quantity
 
 LEVEL_OFFSET = 100e3
 """Offset at which StationCalibration states the level [Hz]."""
 
-_LAGS = 512  # at which a covariance is averaged
-_ORDERS = 10  # of phase noise in a line's skirts; the next one is below 1e-5 up to a variance of 2 rad^2
-_LEAST = 1e-6  # power of an order over that of the first one [1], below which it is left out
+_COUNT = 2**14  # samples of a covariance; more than the memory of the slowest oscillator of interest
+_MOST = 200.0  # variance [rad^2] beyond which a line counts as gone
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,11 +34,6 @@ class PhaseNoise:
         """Single side-band density inside the loop, L(0) [1/Hz]."""
         return 10.0 ** (self.level / 10.0) * (1.0 + (LEVEL_OFFSET / self.corner) ** 2)
 
-    @property
-    def variance(self) -> float:
-        """Return the variance of the phase, the integral of `phase_density` over all offsets [rad^2]."""
-        return math.pi * self.corner * self.plateau
-
     def single_sideband(self, offset: Quantity) -> Any:
         """Return L(offset) [1/Hz], offset in Hz (IEEE Std 1139)."""
         return self.plateau / (1.0 + (np.asarray(offset) / self.corner) ** 2)
@@ -49,28 +43,87 @@ class PhaseNoise:
         return 2.0 * self.single_sideband(offset)
 
 
-def around_line(oscillators: Sequence[PhaseNoise], offset: Quantity) -> Any:
-    """Return the density around a line whose phase has the noise of all, over the power that stays in the line [1/Hz].
+def covariance(noise: PhaseNoise, sample_rate: float, delay: Quantity = 0.0, count: int = _COUNT) -> np.ndarray:
+    """Return the covariance of a sampled phase at lags of whole samples and a delay [rad^2].
 
-    exp(i phi) has the spectrum exp(-variance) sum S^n / n!, where S^n is the density of the phase convolved n times
-    with itself (the line is n = 0). One-pole shapes convolve to one-pole shapes: variances multiply, corners add.
+    Its noise ends at the Nyquist frequency, as behind an anti-aliasing filter.
+
+    Args:
+        noise: of the oscillator.
+        sample_rate: [Hz].
+        delay: added to the lags (...) [s].
+        count: of lags L, from 0; negative ones follow, as in a discrete Fourier transform.
+
+    Returns:
+        An array (..., L).
+    """
+    frequency = scipy.fft.rfftfreq(count, 1.0 / sample_rate)
+    turns = frequency * np.asarray(delay, dtype=float)[..., None]
+    found: np.ndarray = scipy.fft.irfft(noise.single_sideband(frequency) * np.exp(2j * np.pi * turns), count)
+    return found * sample_rate
+
+
+def around_line(oscillators: Sequence[PhaseNoise], offset: Quantity, sample_rate: float) -> Any:
+    """Return the density around a sampled line whose phase has the noise of all, over the power it keeps [1/Hz].
 
     Args:
         oscillators: of the line, independent of each other.
         offset: from the line (...) [Hz].
+        sample_rate: [Hz].
     """
-    offset = np.asarray(offset, dtype=float)
-    found = np.zeros(offset.shape)
-    least = _LEAST * sum(o.variance for o in oscillators)
-    for orders in itertools.product(range(_ORDERS + 1), repeat=len(oscillators)):
-        if 0 < sum(orders) <= _ORDERS:
-            pairs = list(zip(oscillators, orders, strict=True))
-            power = math.prod(o.variance**n / math.factorial(n) for o, n in pairs)
-            if power < least:
-                continue
-            corner = sum(o.corner * n for o, n in pairs)
-            found += power / (math.pi * corner * (1.0 + (offset / corner) ** 2))
-    return found
+    density = sum(components_around_line(oscillators, sample_rate, _COUNT))
+    folded = np.abs(offset - sample_rate * np.rint(np.asarray(offset) / sample_rate))
+    return np.interp(folded, scipy.fft.rfftfreq(_COUNT, 1.0 / sample_rate), density)
+
+
+def components_around_line(
+    oscillators: Sequence[PhaseNoise], sample_rate: float, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the densities of a sampled line's quadrature and in-phase components, over the power that stays in it.
+
+    With the covariance C of the phase phi, those of sin phi and cos phi are exp(-C(0)) sinh C and
+    exp(-C(0)) (cosh C - 1), and the line has the power exp(-C(0)).
+
+    Args:
+        oscillators: of the line, independent of each other; none for no noise.
+        sample_rate: [Hz].
+        count: number of samples N.
+
+    Returns:
+        Two arrays (N // 2 + 1,) [1/Hz] at multiples of sample_rate / N.
+    """
+    together = sum((covariance(o, sample_rate, count=count) for o in oscillators), np.zeros(count))
+    quadrature, in_phase = _densities(together, sample_rate)
+    return quadrature.real, in_phase.real
+
+
+def components_between_lines(
+    one: PhaseNoise, two: PhaseNoise, delay: Quantity, sample_rate: float, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cross densities of two stations' quadrature and in-phase components, see `components_around_line`.
+
+    Each line has the phase of its own oscillator less that of the other one `delay` ago; both stations at once.
+
+    Args:
+        one: oscillator of the first station.
+        two: of the second station.
+        delay: of the path (...) [s].
+        sample_rate: [Hz].
+        count: number of samples N.
+
+    Returns:
+        Two complex arrays (..., N // 2 + 1) [1/Hz] at multiples of sample_rate / N.
+    """
+    delay = np.asarray(delay, dtype=float)
+    ahead, behind = covariance(one, sample_rate, delay, count), covariance(two, sample_rate, -delay, count)
+    return _densities(-(ahead + behind), sample_rate)
+
+
+def _densities(covariance: np.ndarray, sample_rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spectra of sinh and cosh - 1 of a covariance (..., N) [1/Hz]."""
+    limited = np.clip(covariance, -_MOST, _MOST)
+    odd, even = np.sinh(limited), np.cosh(limited) - 1.0
+    return scipy.fft.rfft(odd, axis=-1) / sample_rate, scipy.fft.rfft(even, axis=-1) / sample_rate
 
 
 def combination_gain(frequency: Quantity, delay: Quantity) -> Any:
@@ -92,33 +145,24 @@ def coherent_loss(variance: Quantity) -> Any:
     return 10.0 / math.log(10.0) * np.asarray(variance)
 
 
-def variance_after_delay(noise: PhaseNoise, delay: Quantity) -> Any:
-    """Return the variance of the phase of an oscillator mixed with itself a delay [s] later [rad^2].
+def variance_within(noise: PhaseNoise, count: int, sample_rate: float, delay: Quantity | None = None) -> Any:
+    """Return the variance of a sampled phase within a stretch of time, about its mean there [rad^2].
 
-    The integral of `PhaseNoise.phase_density` times `combination_gain` over all offsets.
-    """
-    return -2.0 * noise.variance * np.expm1(-2.0 * math.pi * noise.corner * np.asarray(delay))
-
-
-def variance_within(noise: PhaseNoise, length: float, delay: Quantity | None = None) -> Any:
-    """Return the variance of the phase within a stretch of time, about its mean there [rad^2].
-
-    The covariance of the one-pole shape is `variance` exp(-2 pi corner s). The mean of a stretch takes its mean over
-    all pairs of times: what is slower turns the stretch as a whole.
+    The mean of a stretch takes the covariance's mean over all pairs of times: what is slower turns the stretch as a
+    whole.
 
     Args:
         noise: of the oscillator.
-        length: of the stretch [s].
+        count: samples of the stretch.
+        sample_rate: [Hz].
         delay: after which the oscillator is mixed with itself (...) [s], None for another, noise-free one.
     """
-    lag = (np.arange(_LAGS) + 0.5) / _LAGS * length
-    pairs = 2.0 * (1.0 - lag / length) / _LAGS
-
-    def covariance(lags: np.ndarray) -> Any:
-        return noise.variance * np.exp(-2.0 * math.pi * noise.corner * np.abs(lags))
-
     if delay is None:
-        return noise.variance - covariance(lag) @ pairs
-    later = np.asarray(delay)[..., None]
-    mixed = 2.0 * covariance(lag) - covariance(lag - later) - covariance(lag + later)
-    return variance_after_delay(noise, delay) - mixed @ pairs
+        found = covariance(noise, sample_rate)
+    else:
+        delay = np.asarray(delay, dtype=float)
+        found = 2.0 * covariance(noise, sample_rate)
+        found = found - covariance(noise, sample_rate, delay) - covariance(noise, sample_rate, -delay)
+    lag = np.arange(count)
+    pairs = np.where(lag > 0, 2.0, 1.0) * (1.0 - lag / count) / count
+    return found[..., 0] - found[..., :count] @ pairs

@@ -21,7 +21,15 @@ from drfmcw_physics.bounds import (
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_physics.link_budget import received_power
 from drfmcw_physics.oscillators import range_bias
-from drfmcw_physics.phase_noise import PhaseNoise, around_line, combination_gain, variance_after_delay, variance_within
+from drfmcw_physics.phase_noise import (
+    PhaseNoise,
+    around_line,
+    combination_gain,
+    components_around_line,
+    components_between_lines,
+    covariance,
+    variance_within,
+)
 from drfmcw_physics.rules.history import History
 from drfmcw_physics.rules.mode import ModeSettings, choose_mode
 from drfmcw_physics.sweep import Mode, Role, SweepSettings, beat_frequency, largest_range, residual_chirp
@@ -137,35 +145,66 @@ def test_bounds_are_those_of_the_reference_table(distance, start_delay, floor, h
     assert math.sqrt(variance) * per_hertz == pytest.approx(hann, rel=0.01, abs=0.006)
 
 
+def total_variance(noise):
+    """Of the phase, over all offsets, in closed form."""
+    return math.pi * noise.corner * noise.plateau
+
+
 @pytest.mark.parametrize('delay', [50e-9, 3.3e-6])
 def test_variance_of_a_phase_is_the_integral_of_its_density(delay):
     """Alone, and mixed with itself a delay later, where the density ripples faster than the corner."""
-    offset = (np.arange(4_000_000) + 0.5) * 100.0  # to 400 MHz, beyond which 3e-4 of the variance lies
-    density = NOISE.phase_density(offset)
-    assert np.sum(density) * 100.0 == pytest.approx(NOISE.variance, rel=1e-3)
-    mixed = np.sum(density * combination_gain(offset, delay)) * 100.0
-    assert mixed == pytest.approx(variance_after_delay(NOISE, delay), rel=1e-2)
-
-
-@pytest.mark.parametrize('length', [1e-7, 9e-6, 1e-3])
-def test_variance_within_a_stretch_is_what_its_mean_does_not_follow(length):
-    """Of the exponential covariance in closed form; mixed with itself after a long delay, twice as much."""
-    turns = 2.0 * math.pi * NOISE.corner * length
-    followed = 2.0 * (turns + math.expm1(-turns)) / turns**2
-    assert variance_within(NOISE, length) == pytest.approx(NOISE.variance * (1.0 - followed), rel=2e-3)
-    mixed = variance_within(NOISE, length, np.array([0.0, 1.0]))
-    np.testing.assert_allclose(mixed, [0.0, 2.0 * variance_within(NOISE, length)], rtol=1e-6, atol=1e-12)
-
-
-def test_skirts_of_strong_phase_noise_hold_all_power_that_the_line_lost():
-    """The line keeps exp(-variance) of its power; far from it, the skirts are those of all of its power."""
-    noisy = (PhaseNoise(-66.0, 120e3), PhaseNoise(-75.0, 60e3))
-    variance = sum(o.variance for o in noisy)
+    rate = 800e6  # beyond the Nyquist frequency lies 3e-4 of the variance
     offset = (np.arange(4_000_000) + 0.5) * 100.0
-    held = 2.0 * np.sum(around_line(noisy, offset)) * 100.0
-    assert held == pytest.approx(math.expm1(variance), rel=2e-3)
-    phase = sum(o.single_sideband(1e7) for o in noisy)
-    assert around_line(noisy, 1e7) == pytest.approx(phase * math.exp(variance), rel=5e-3)
+    density = NOISE.phase_density(offset)
+    assert np.sum(density) * 100.0 == pytest.approx(total_variance(NOISE), rel=1e-3)
+    assert covariance(NOISE, rate, count=2**20)[0] == pytest.approx(total_variance(NOISE), rel=1e-3)
+    mixed = np.sum(density * combination_gain(offset, delay)) * 100.0
+    shared = covariance(NOISE, rate, np.array([0.0, delay]), 2**20)[:, 0]
+    assert mixed == pytest.approx(2.0 * (shared[0] - shared[1]), rel=1e-2)
+
+
+@pytest.mark.parametrize('count', [4, 360, 4000])
+def test_variance_within_a_stretch_is_what_its_mean_does_not_follow(count):
+    """Of the exponential covariance in closed form; mixed with itself after a long delay, twice as much."""
+    rate, slow = 400e6, PhaseNoise(-90.0, 1e6)  # 0.3 % of the noise lies beyond the Nyquist frequency
+    turns = 2.0 * math.pi * slow.corner * count / rate
+    followed = 2.0 * (turns + math.expm1(-turns)) / turns**2
+    assert variance_within(slow, count, rate) == pytest.approx(
+        total_variance(slow) * (1.0 - followed), rel=1e-2, abs=3e-3
+    )
+    mixed = variance_within(slow, count, rate, np.array([0.0, 2e-5]))
+    np.testing.assert_allclose(mixed, [0.0, 2.0 * variance_within(slow, count, rate)], rtol=1e-6, atol=1e-12)
+
+
+def test_skirts_hold_all_power_that_the_line_lost():
+    """The line keeps exp(-variance) of its power; all of the noise below the Nyquist frequency counts."""
+    noisy, rate, count = (PhaseNoise(-60.0, 120e3), PhaseNoise(-65.0, 60e3)), 2e6, 4096
+    offset = np.fft.fftfreq(count, 1.0 / rate)
+    variance = sum(np.sum(o.single_sideband(offset)) for o in noisy) * rate / count
+    assert variance > 0.5
+    quadrature, in_phase = components_around_line(noisy, rate, count)
+    held = np.array([2.0 * np.sum(d[1:-1]) + d[0] + d[-1] for d in (quadrature, in_phase)]) * rate / count
+    assert held == pytest.approx([math.sinh(variance), math.cosh(variance) - 1.0], rel=1e-9)
+    # the same wherever it is asked for, beyond the Nyquist frequency as well, where samples cannot tell it
+    at = np.array([0.0, 31e3, -31e3, 31e3 + rate])
+    expected = np.interp(np.abs([0.0, 31e3, 31e3, 31e3]), offset[: count // 2], (quadrature + in_phase)[: count // 2])
+    assert around_line(noisy, at, rate) == pytest.approx(expected, rel=1e-3)
+
+
+def test_both_lines_share_noise_to_all_orders_where_no_delay_lies_between_them():
+    """And to first order in weak noise: -(S_1 exp(j w tau) + S_2 exp(-j w tau))."""
+    rate, count, delay = 2e6, 2048, np.array([0.0, 0.7e-6])
+    strong = PhaseNoise(-60.0, 120e3), PhaseNoise(-65.0, 60e3)
+    quadrature, in_phase = components_between_lines(*strong, delay, rate, count)
+    around = components_around_line(strong, rate, count)
+    np.testing.assert_allclose([-quadrature[0], in_phase[0]], around, rtol=1e-9, atol=1e-15)
+    weak = PhaseNoise(-120.0, 120e3), PhaseNoise(-125.0, 60e3)
+    quadrature, in_phase = components_between_lines(*weak, delay, rate, count)
+    at = np.arange(1, count // 2) * rate / count
+    turn = np.exp(2j * np.pi * at * delay[1])
+    first = -(weak[0].single_sideband(at) * turn + weak[1].single_sideband(at) / turn)
+    np.testing.assert_allclose(quadrature[1, 1:-1], first, rtol=1e-6, atol=1e-6 * np.abs(first).max())
+    assert np.abs(in_phase).max() < 1e-5 * np.abs(first).max()
 
 
 def test_synchronised_single_station_suffers_from_its_phase_noise():

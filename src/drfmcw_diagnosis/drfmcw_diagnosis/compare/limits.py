@@ -82,9 +82,8 @@ class ModelLimits:
     coherence: float = 0.005
     """Of the coherence of both lines' noise [1]; chosen."""
 
-    coherence_added: float = 0.1
-    """Relative to what an explanation adds to that coherence; chosen: it is of first order in the phase noise, and the
-    next term is the phase's variance, which strong phase noise makes as large [rad^2]."""
+    coherence_added: float = 0.05
+    """Relative to what an explanation adds to that coherence; chosen: skirts may not quite be one pole's."""
 
     movement: float = 1e-5
     """Of the carrier phase as a movement [m]; chosen."""

@@ -67,6 +67,15 @@ class NoiseModel:
                     result[group, station] = max(total / self._powers[group, station], SPECTRUM.least_spread)
         return result
 
+    def _around(self, oscillators: Sequence[PhaseNoise], rate: float) -> float:
+        """Return the power that skirts add to the bins of a line, over its coherent power, and 1, see `_spread`."""
+        if self._topology.hears_itself:
+            return 1.0
+        width, reach = rate / 2 / (self._bins - 1), SPECTRUM.line
+        within = around_line(oscillators, width * np.arange(-reach, reach + 1), rate)
+        beside = np.median(around_line(oscillators, width * np.arange(reach + 1, 2 * reach + 1), rate))
+        return 1.0 + width * float(np.sum(within - beside))
+
     def predicted(
         self, part: Part, state: Measurements, effects: Sequence[Effect], line: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -110,11 +119,12 @@ class NoiseModel:
             density = sum((o.single_sideband(offsets) for o in oscillators), np.zeros_like(offsets))
             density = density * combination_gain(offsets, state.paths[0].delay[:, None, None])
         else:
-            density = around_line(oscillators, offsets)
+            density = around_line(oscillators, offsets, rate)
         passed = np.array([np.abs(passes(centre)) ** 2 for passes in filters])
         # the line's own power has passed the filters already
         ahead = np.stack([np.abs(passes(at)) ** 2 for passes, at in zip(filters, line.T, strict=True)], axis=1)
-        skirts = passed / ahead[..., None] * density.sum(axis=0) * rate * self._powers[part.groups][..., None]
+        powers = self._powers[part.groups] / self._around(oscillators, rate)
+        skirts = passed / ahead[..., None] * density.sum(axis=0) * rate * powers[..., None]
         floor = np.stack(
             [self._floor(state.stations[i], p[None]) for i, p in zip(self._topology.heard, passed, strict=True)], axis=1
         )
@@ -136,8 +146,8 @@ class NoiseModel:
             state: their conditions after effects.
         """
         delay, own = state.paths[0].delay, self._topology.hears_itself
-        length = part.extract.estimator.block / part.extract.sweeps[0].sample_rate
-        variances = (variance_within(o, length, delay if own else None) for o in _oscillators(state))
+        block, rate = part.extract.estimator.block, part.extract.sweeps[0].sample_rate
+        variances = (variance_within(o, block, rate, delay if own else None) for o in _oscillators(state))
         loss: np.ndarray = coherent_loss(sum(variances, np.zeros(len(part.groups))))[:, None]
         return loss
 
@@ -210,7 +220,7 @@ class NoiseModel:
             return result
         rate = state.stations[0].sweep.sample_rate
         oscillators = _oscillators(state)  # known of both
-        lines, powers = self._lines[part.groups], self._powers[part.groups]
+        lines, powers = self._lines[part.groups], self._powers[part.groups] / self._around(oscillators, rate)
         used = coherence.sidebands(lines, state.stations[0].sweep)
         at = lines[..., None, None]  # (G, 2, sidebands, offsets)
         sides = np.clip(at + np.stack([used.offset, -used.offset]), 0.0, rate / 2)
@@ -224,10 +234,10 @@ class NoiseModel:
             axis=1,
         )
         # what the mirror lines' skirts bring there has a phase of its own
-        mirrors = sum(o.single_sideband(m) for o in oscillators for m in (at + sides, rate - at - sides))
+        mirrors = around_line(oscillators, at + sides, rate)
         floors = floors / (rate * powers[..., None, None]) + mirrors * np.abs(responses) ** 2
-        skirts = np.array([o.single_sideband(used.offset) for o in oscillators])
-        return coherence.predicted(used, skirts, floors, responses, state.paths[0].delay)
+        sweeps = [s.sweep for s in state.stations]
+        return coherence.predicted(used, oscillators, sweeps, floors, responses, state.paths[0].delay)
 
     def _filter(
         self, station: Station, state: Measurements, effects: Sequence[Effect]

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.fft
 
+from drfmcw_physics.phase_noise import PhaseNoise, components_around_line, components_between_lines
 from drfmcw_physics.sweep import SweepSettings
 
 from .limits import SIDEBANDS
@@ -89,29 +90,36 @@ def measured(
 
 def predicted(
     used: Sidebands,
-    oscillators: np.ndarray,
+    oscillators: Sequence[PhaseNoise],
+    sweeps: Sequence[SweepSettings],
     floors: np.ndarray,
     responses: np.ndarray,
     delay: np.ndarray | float,
 ) -> np.ndarray:
     """Return the imaginary coherence of groups (..., C), 0 in bands that are not present.
 
+    Both sidebands of a line together show sin phi of its phase, one alone cos phi as well.
+
     Args:
         used: sidebands compared.
-        oscillators: densities of both oscillators' phase noise in one sideband (2, F) [1/Hz].
+        oscillators: of both stations.
+        sweeps: settings of both.
         floors: density of additive noise over the line's power (..., 2, upper and lower, F) [1/Hz].
         responses: each receiver's complex gain of a sideband over that of the line (..., 2, upper and lower, F).
         delay: of the path (...) [s].
     """
     there = np.stack([used.upper, used.lower], axis=-2)
-    # the lower sideband is the conjugate of the phase's spectrum
-    passed = np.stack([responses[..., 0, :], responses[..., 1, :].conj()], axis=-2)
-    response = np.sum(np.where(there, passed, 0.0), axis=-2)
-    s_1, s_2 = oscillators
-    power = (s_1 + s_2) * np.abs(response) ** 2 + np.sum(np.where(there, floors, 0.0), axis=-2)
-    one, two = response[..., 0, :], response[..., 1, :]
-    turn = np.exp(2j * np.pi * np.asarray(delay)[..., None] * used.offset)
-    cross = -(s_1 * turn + s_2 / turn) * one * two.conj()
+    # the lower sideband is the conjugate of the spectrum of exp(j phi)
+    passed = np.where(there, np.stack([responses[..., 0, :], responses[..., 1, :].conj()], axis=-2), 0.0)
+    sine = np.sum(passed, axis=-2)
+    signs = np.array([sweeps[0].line_sign(), -sweeps[1].line_sign()])
+    cosine = -1j * (passed[..., 0, :] - passed[..., 1, :]) * signs[:, None]
+    rate, count = sweeps[0].sample_rate, sweeps[0].sample_count
+    bins = np.rint(used.offset * count / rate).astype(int)
+    quadrature, in_phase = (d[bins] for d in components_around_line(oscillators, rate, count))
+    power = quadrature * np.abs(sine) ** 2 + in_phase * np.abs(cosine) ** 2 + np.sum(np.where(there, floors, 0.0), -2)
+    shared = components_between_lines(oscillators[0], oscillators[1], delay, rate, count)
+    cross = sum(d[..., bins] * x[..., 0, :] * x[..., 1, :].conj() for d, x in zip(shared, (sine, cosine), strict=True))
     return _imaginary(used, (cross / np.sqrt(np.maximum(power[..., 0, :] * power[..., 1, :], 1e-60)))[None])[0]
 
 

@@ -204,8 +204,8 @@ def test_phase_noise_takes_power_from_the_line(data):
     noisy = PhaseNoise(-72.0, 2e5)
     known = [PhaseNoise(c.phase_noise_level, c.phase_noise_corner) for c in data.calibration]
     extract = comparison.parts[0].extract
-    block = extract.estimator.block / extract.sweeps[0].sample_rate
-    added = 2.0 * variance_within(noisy, block) - sum(variance_within(k, block) for k in known)
+    block = extract.estimator.block, extract.sweeps[0].sample_rate
+    added = 2.0 * variance_within(noisy, *block) - sum(variance_within(k, *block) for k in known)
     loss = 10.0 / np.log(10.0) * added
     amplitude = comparison.entries.where(kind='amplitude')
     by_noise, by_path = (
