@@ -4,7 +4,7 @@ import pytest
 from comparing import beginning, compared
 
 from drfmcw_diagnosis.judging import curves
-from drfmcw_diagnosis.judging.standing import standings
+from drfmcw_diagnosis.judging.standing import LIMITS, standings
 from drfmcw_diagnosis.search import events
 from drfmcw_diagnosis.search.leftovers import leftovers
 from drfmcw_diagnosis.search.limits import SEARCH
@@ -23,6 +23,21 @@ def test_an_offset_far_beyond_what_a_jump_of_the_phase_shifts_stands(tmp_path):
     search.set_aside = events.left(search, found, search.whitening_of(found, with_unknown=False))
     (standing,) = standings(search, search.trusted(found))
     assert len(search.set_aside) and standing.stands
+
+
+@pytest.mark.parametrize(
+    ('effect', 'values', 'stands'),
+    [('phase_jump', {'angle': -1.4, 'time': 0.00073}, False), ('phase_noise', {'level': -83.0}, True)],
+)
+def test_a_jump_of_the_phase_is_no_noise_of_the_oscillator(tmp_path, effect, values, stands):
+    """What it leaves beside the line repeats in each sweep; the recordings are fixed, so nothing is by chance."""
+    comparison = compared(tmp_path / 'r', 62, Applied(effect, 'slave', values))
+    search = Search(comparison, without=set(Effect.registry) - {'phase_noise'})
+    found = search.fit([beginning('phase_noise', 'slave', {'level': -83.0, 'corner': 1e5})])
+    search.set_aside = events.left(search, found, search.whitening_of(found, with_unknown=False))
+    (standing,) = standings(search, search.trusted(found))
+    assert standing.gain > 300.0
+    assert standing.stands == (standing.repeated < LIMITS.repeated) == stands
 
 
 def beside_curves(path, concealed, tried):

@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
+from drfmcw_sim.effects import ActsOn
 
 from ..search.fits.fitted import Fitted, FittedEffect
 from ..search.fits.fitting import Fitting
@@ -226,6 +227,8 @@ def _by_noise(fitting: Fitting, effect: FittedEffect, added: np.ndarray) -> bool
     kind = effect.candidate.kind
     if kind.bursts or kind.fluctuates:
         return False
+    if kind.acts_on is ActsOn.NOISE:  # it raises lines in the spectrum as well
+        return True
     noise = added[of_level(fitting, 'noise')]
     return float(noise @ noise) >= LIMITS.by_noise * float(added @ added)
 
