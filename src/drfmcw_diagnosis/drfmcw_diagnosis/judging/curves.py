@@ -135,31 +135,30 @@ def _leads(fitting: Fitting, names: Collection[str]) -> dict[str, np.ndarray]:
     return found
 
 
-def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray) -> list[float | None]:
+def bent(
+    fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray, as_it_is: Whitening
+) -> list[float | None]:
     """Return of each effect what a freer curve of its own condition explains of the range's error beside it.
 
-    Of a temperature also what follows it late, if that explains more than a curve of any condition. None where an
-    effect depends on no condition alone, or is no effect on the range alone. Zero where chance explains as much, or
-    where a curve of another condition explains far more.
+    Of a temperature also what follows it late, if that explains more than a curve of any condition: also of what such
+    a curve, set aside, stands for. None where an effect depends on no condition alone, or is no effect on the range
+    alone. Zero where chance explains as much, or where a curve of another condition explains far more.
 
     Args:
         fitting: of the recording.
         fitted: the explanation.
         slopes: of its parameters, whitened (P, n).
         rest: what it leaves, whitened (n,).
+        as_it_is: whitening of what is measured, nothing of which counts as unknown.
     """
-    c, beside = fitting.comparison, Freedom(slopes)
-    kind = next(k for k in c.kinds if k.name == 'range')
+    c = fitting.comparison
     over = conditions(fitting)
-    gains = {}
-    for name, x in over.items():
-        followed = beside.left(fitting.whitening(_curves(fitting, kind, x, LIMITS.degrees)))
-        gains[name] = gain_of(followed, rest)
+    gains, late = _gains(fitting, over, fitting.whitening, Freedom(slopes), rest)
     most = max(gains.values(), default=0.0)
-    late = {}
-    for name, leads in _leads(fitting, over).items():
-        followed = beside.left(fitting.whitening(_in_numbers(fitting, kind, leads)))
-        late[name] = max(gain_of(one[None], rest) for one in followed)
+    if len(fitting.set_aside):
+        beside = Freedom(as_it_is(fitting.slopes(fitted)))
+        at_once, as_late = _gains(fitting, over, as_it_is, beside, as_it_is(c.residual - fitted.template))
+        late |= {name: gain for name, gain in as_late.items() if gain > max(at_once.values())}
     found: list[float | None] = []
     for effect in fitted.effects:
         added = c.predict((effect.build(),)).range - c.plain.range  # in each group (G,) [m]
@@ -174,6 +173,20 @@ def bent(fitting: Fitting, fitted: Fitted, slopes: np.ndarray, rest: np.ndarray)
         unlikely = len(LIMITS.lags) * float(stats.chi2.sf(later, 1)) < LIMITS.chance
         found.append(max(curve, later) if unlikely and later > most else curve)
     return found
+
+
+def _gains(
+    fitting: Fitting, over: dict[str, np.ndarray], whitening: Whitening, beside: Freedom, rest: np.ndarray
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return what curves of each condition explain of the range's error, and what follows each temperature late."""
+    kind = next(k for k in fitting.comparison.kinds if k.name == 'range')
+    at_once, late = {}, {}
+    for name, x in over.items():
+        at_once[name] = gain_of(beside.left(whitening(_curves(fitting, kind, x, LIMITS.degrees))), rest)
+    for name, leads in _leads(fitting, over).items():
+        followed = beside.left(whitening(_in_numbers(fitting, kind, leads)))
+        late[name] = max(gain_of(one[None], rest) for one in followed)
+    return at_once, late
 
 
 def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:

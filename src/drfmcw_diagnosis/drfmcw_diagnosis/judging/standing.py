@@ -214,7 +214,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting.comparison, fitted.build())
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
     paths, periodic = beyond_paths(fitting, fitted), harmonics(fitting, fitted)
-    curves = bent(fitting, fitted, slopes, rest) if any(by_range) else [None] * len(by_range)
+    curves = bent(fitting, fitted, slopes, rest, as_it_is) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
     aside = np.any(fitting.set_aside != 0.0, axis=0)
     of_limits = fitting.comparison.rows_of_kinds(lambda kind: kind.unmistakable)
