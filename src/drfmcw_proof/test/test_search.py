@@ -173,6 +173,19 @@ def test_a_second_minimum_that_fits_as_well_widens_the_standard_deviation(behind
     assert widened(best, []) is best
 
 
+def test_a_hum_is_not_left_at_a_rate_that_fits_best_around(tmp_path):
+    """Beside the right rate, 9493 Hz, one 120 Hz higher fits best around; the recording is fixed, no chance decides."""
+    hum = Applied('frequency_modulation', 'master', {'deviation': 3100.0, 'rate': 9493.4})
+    search = Search(compared(tmp_path / 'r', 62, hum), without=set(Effect.registry) - {'frequency_modulation'})
+    aside = search.fit([beginning('frequency_modulation', 'master', {'deviation': 3200.0, 'rate': 9620.0})])
+    search.trust(aside)
+    aside = search.again(aside)
+    assert aside.effects[0].values['rate'] > 9600.0
+    found = search.relocated(aside)
+    assert found.misfit < aside.misfit - 300.0
+    assert found.effects[0].values['rate'] == pytest.approx(9493.4, abs=10.0)
+
+
 def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
     """Hardly any span holds twice the usual power; the largest power in windows of each sweep shows them."""
     burst = {'probability': 0.2, 'level': -61.0, 'duration': 1.2e-4}

@@ -111,6 +111,10 @@ class SearchLimits:
     of_a_kind: int = 2
     """Effects of one kind at one station, at most; chosen."""
 
+    shift: float = 0.06
+    """Rate about which another is tried where an effect has a random phase [resolution cells]; chosen: half of what
+    lies between two that fit best around."""
+
     same: float = 4.0
     """Squared distance below which two fits of the same effects are the same (2 sigma); chosen."""
 

@@ -14,6 +14,7 @@ from .fits.fitted import Fitted, FittedEffect, Freedom, Linearised, cells_of
 from .limits import SEARCH
 from .promising import Promising
 from .starts.bank import Candidate, recipes
+from .starts.scanners import resolution
 
 
 class Search(Promising):
@@ -92,6 +93,8 @@ class Search(Promising):
         may hide the right one.
         """
         for number, effect in enumerate(fitted.effects):
+            if effect.candidate.kind.fluctuates:
+                fitted = self._shifted(fitted, number)
             if not effect.candidate.recipe.lookalikes:
                 continue
             fitted = self._relocated(fitted, number)
@@ -100,6 +103,23 @@ class Search(Promising):
                 better = min(others, key=lambda f: f.misfit, default=fitted)
                 fitted = better if better.misfit < fitted.misfit - SEARCH.same else fitted
         return fitted
+
+    def _shifted(self, fitted: Fitted, number: int) -> Fitted:
+        """Return an explanation with the best rate about that of an effect of random phase.
+
+        What random phases leave open follows a part of it: within a resolution cell, several rates fit best around.
+        """
+        candidate = fitted.effects[number].candidate
+        name = candidate.recipe.scanned
+        step = SEARCH.shift * resolution(self.comparison, candidate.recipe)
+
+        def refined(shift: float) -> Fitted:
+            start = list(fitted.start)
+            start[number] = candidate, start[number][1] | {name: start[number][1][name] + shift}
+            return self.fit(start)
+
+        best = min(self.workers.map(refined, [-step, step]), key=lambda f: f.misfit)
+        return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted
 
     def _standing_elsewhere(self, fitted: Fitted) -> list[Fitted]:
         """Return an explanation with a delay for an error of the reference that it resembles, or the other way round.

@@ -27,6 +27,7 @@ class SlantGeometry(Effect, name='slant_geometry', of=Of.PATH):
             start={},
             prior={'height_difference': 20.0},
             grid={'height_difference': (0.5, 1.0, 2.0, 5.0, 10.0)},
+            limits={'height_difference': (0.1, 1e4)},  # its sign does not matter
             needs_reference=True,  # without one, the measured distance stands in for it: that along the slant
         ),
     )
