@@ -197,6 +197,20 @@ def test_bursts_that_hardly_stand_out_of_the_noise_are_found(tmp_path):
     assert [e.key for e in found.effects] == [('interference_burst', 'slave')]
 
 
+def test_bursts_are_found_beside_a_hum(tmp_path):
+    """What the hum's random phases leave open is no part of the bursts; the recording is fixed, no chance decides."""
+    hum = Applied('frequency_modulation', 'master', {'deviation': 200.0, 'rate': 2019.0})
+    burst = Applied('interference_burst', 'master', {'probability': 0.2, 'level': -62.0, 'duration': 7e-5})
+    named = 'frequency_modulation', 'interference_burst'
+    comparison = compared(tmp_path / 'r', 62, hum, burst, settings=8, sweeps=28)
+    search = Search(comparison, without=set(Effect.registry) - set(named))
+    found = search.fit([beginning('frequency_modulation', 'master', {'deviation': 150.0, 'rate': 2030.0})])
+    search.trust(found)
+    (best, *_) = search.best_addition(search.again(found))
+    assert best.effects[-1].key == ('interference_burst', 'master')
+    assert search.credible(best, found.template)
+
+
 def test_bursts_stronger_than_the_line_leave_the_noise_between_them_alone(tmp_path):
     """Those at the window's edge show in no span; those that throw a sweep out are missing among the others."""
     burst = {'probability': 0.25, 'level': -10.0, 'duration': 3e-5}

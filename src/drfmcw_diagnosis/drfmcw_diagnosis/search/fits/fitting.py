@@ -385,8 +385,7 @@ class Fitting(Trusting):
             if kind.trust.beside_bursts is not None:
                 rows = self.comparison.rows(kind)
                 doubt[rows] = kind.by_chance(template[rows], self.comparison.std[kind.name].ravel())
-        directions = np.concatenate([self.comparison.common_errors, self.set_aside])
-        return Whitening(np.minimum(self.whitening.weight, 1.0 / np.sqrt(1.0 + doubt**2)), directions)
+        return self.whitening.reweighted(np.minimum(self.whitening.weight, 1.0 / np.sqrt(1.0 + doubt**2)))
 
     def _step(self, candidate: Candidate, name: str, value: float) -> float:
         """Return the step of a numerical derivative, away from the upper bound."""

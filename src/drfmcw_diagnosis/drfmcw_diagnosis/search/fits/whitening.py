@@ -36,6 +36,10 @@ class Whitening:
         """Return the same with further common errors, each times its prior standard deviation (k, n)."""
         return Whitening(self.weight, np.concatenate([self._directions, directions]))
 
+    def reweighted(self, weight: np.ndarray) -> 'Whitening':
+        """Return the same with another weight of each number (n,)."""
+        return Whitening(weight, self._directions)
+
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return whitened values (..., n)."""
         return self._mixed(values * self.weight)
