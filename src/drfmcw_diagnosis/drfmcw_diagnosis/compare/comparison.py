@@ -11,7 +11,7 @@ from ..features.adc_codes import Codes, evenness
 from ..features.extractor import as_complex
 from ..features.repeating import repeating_share
 from ..recording.dataset import Dataset
-from .groups import Entries, Groups
+from .groups import Correlated, Entries, Groups
 from .kinds import KINDS, Kind
 from .kinds.kind import Of
 from .known import Known
@@ -37,6 +37,7 @@ class Comparison:
         plain: features that the model predicts without effects.
         entries: what each number of the vector is.
         residual: measured features less those of the plain model, over their standard deviations.
+        correlated: which of these numbers' noise is correlated.
     """
 
     def __init__(self, data: Dataset, rows: np.ndarray | None = None) -> None:
@@ -67,6 +68,7 @@ class Comparison:
         self.std = Groups({kind.name: kind.limited(std[kind.name], nominal) for kind in self.kinds})
         self.entries, self._rows = self._layout()
         self.residual = self._vector(self.measured)
+        self.correlated = self._correlated(evidence)
 
     def _whitened(self, kind: Kind, values: Groups) -> np.ndarray:
         """Return what groups hold of a kind beyond the plain model, whitened."""
@@ -131,6 +133,21 @@ class Comparison:
             where = self._rows[kind.name]
             result[where] = self._whitened(kind, values).reshape(where.shape)
         return np.clip(result, -MODEL.largest, MODEL.largest)
+
+    def _correlated(self, evidence: Evidence) -> Correlated:
+        """Return both phases' terms, where one station is far noisier than the other."""
+        first, second, share = [], [], []
+        for kind in self.kinds:
+            pair, shares = kind.in_pairs(evidence)
+            if shares.any():
+                one, other = (self.rows(kind, row).reshape(shares.shape) for row in pair)
+                used = shares != 0.0
+                first.append(one[used])
+                second.append(other[used])
+                share.append(shares[used])
+        if not share:
+            return Correlated(np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+        return Correlated(np.concatenate(first), np.concatenate(second), np.concatenate(share))
 
     def rows(self, kind: Kind, station: int | None = None) -> np.ndarray:
         """Return where the numbers of a kind stand in the vector, in order (n,); those of one station or of all."""

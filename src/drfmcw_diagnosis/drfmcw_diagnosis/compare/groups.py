@@ -34,6 +34,15 @@ class Entries:
         return chosen
 
 
+@dataclasses.dataclass(frozen=True)
+class Correlated:
+    """Pairs of numbers whose noise is correlated; arrays (m,)."""
+
+    first: np.ndarray  # where they stand in the vector
+    second: np.ndarray
+    share: np.ndarray  # correlation [1]
+
+
 class Groups(Mapping[str, np.ndarray]):
     """Numbers of a recording's groups by kind, measured or predicted, also as attributes: see `kinds.KINDS`."""
 

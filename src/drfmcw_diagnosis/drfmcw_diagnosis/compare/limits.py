@@ -180,6 +180,12 @@ class ScatterLimits:
     flutter_spread: float = 1.025
     """By which the median of so few terms widens the spread of flutter [1]; chosen."""
 
+    correlated: float = 0.5
+    """Correlation of the phases' sum and difference, above which it counts [1]; chosen: of a receiver 5 dB noisier."""
+
+    fully: float = 0.9995
+    """The same at most [1]; chosen: of a receiver 36 dB noisier."""
+
     smooth: int = 15
     """Neighbouring cosine terms that share a variance; chosen."""
 

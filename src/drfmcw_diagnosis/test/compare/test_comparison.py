@@ -35,6 +35,24 @@ def test_all_of_an_amplitude_slope_counts_but_its_mean():
     assert np.linalg.norm(counted) == pytest.approx(expected, rel=0.03)
 
 
+def test_a_quiet_receiver_shows_what_a_noisy_one_hides(tmp_path):
+    """Sum and difference of the phases have the noise of the receiver 20 dB noisier in common: beside it, both show it.
+
+    What noise alone leaves has the variance one, to 5 standard deviations: a false failure in a million.
+    """
+    noisy = {'effect': 'noise_floor', 'station': 'slave', 'excess': 20.0}
+    standing = {'distances': [120.0, 210.0, 320.0], 'sweeps': 40}
+    scenario = scene({'standing': standing}, effects=[noisy], reference={'range_std': 0.005})
+    comparison = Comparison(read_dataset(record(scenario, tmp_path / 'r')))
+    whitening, of_ramp = Fitting(comparison).whitening, comparison.entries.where(kind='ramp')
+    bend = comparison.template((Effect.registry['sweep_curvature'](station='master', deviation=100.0),))
+    assert np.sum(whitening(bend)[of_ramp] ** 2) > 5.0 * np.sum(bend[of_ramp] ** 2)
+    phases = of_ramp & (comparison.entries.station >= 2)
+    left = whitening(comparison.residual)[phases]
+    left = left[left != 0.0]
+    assert abs(np.sum(left**2) - len(left)) < 5.0 * math.sqrt(2.0 * 1.1 * len(left))
+
+
 def test_noise_behind_a_coupling_is_as_expected(tmp_path):
     """Its bands next to 0 Hz rise with the square of the frequency; chi-square fails with a chance of 1e-6."""
     coupling = {'effect': 'ac_coupling', 'station': 'slave', 'pole': 600e3}

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import special
 
 from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.compare.groups import Correlated
 from drfmcw_diagnosis.engine import diagnose_dataset
 from drfmcw_diagnosis.judging.standing import standings, uneven
 from drfmcw_diagnosis.recording.dataset import read_dataset
@@ -30,15 +31,19 @@ def data():
     return read_dataset(DATA / 'recording_0')
 
 
-@given(st.integers(1, 4), st.integers(0, 2**32 - 1))
-def test_common_errors_count_as_their_covariance_says(errors, seed):
-    """The squared length of whitened values is that of the covariance 1 + N^T N, to rounding."""
+@given(st.integers(0, 4), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_common_errors_and_correlated_noise_count_as_their_covariance_says(errors, pairs, seed):
+    """The squared length of whitened values is that of the covariance 1 + N^T N, pairs of correlated noise included."""
     generator = np.random.default_rng(seed)
     directions, values = generator.normal(size=(errors, 12)), generator.normal(size=12)
-    weight = generator.uniform(0.5, 2.0, 12)
-    whitening = Whitening(weight, directions)
+    weight = generator.uniform(0.5, 1.0, 12)
+    first, second = generator.permutation(12)[: 2 * pairs].reshape(2, pairs)
+    share = generator.uniform(-0.99, 0.99, pairs)
+    whitening = Whitening(weight, directions, Correlated(first, second, share))
     common = directions * weight
     covariance = np.eye(12) + common.T @ common
+    for at in ((first, second), (second, first)):
+        covariance[at] += share * weight[first] * weight[second]
     scaled = values * weight
     assert np.sum(whitening(values) ** 2) == pytest.approx(scaled @ np.linalg.solve(covariance, scaled), rel=1e-9)
     other = generator.normal(size=12)

@@ -111,6 +111,10 @@ class Kind(abc.ABC):
         """Return standard deviations (G, ...) that include what the model without effects is trusted to."""
         return std
 
+    def in_pairs(self, evidence: Evidence) -> tuple[tuple[int, int], np.ndarray]:
+        """Return two rows and by how much the noise of their numbers is correlated (G, K); by default nothing is."""
+        return (0, 0), np.zeros((0, 0))
+
     def common_errors(self, std: np.ndarray, expected: list[Expected]) -> list[np.ndarray]:
         """Return what the model without effects may be off by in many numbers at once, one standard deviation each.
 

@@ -47,12 +47,30 @@ class Ramp(_OfChannels):
             first = SCATTER.free_phase if channel.of_phase else SCATTER.free_amplitude
             for g, ramp in enumerate(evidence.ramps):
                 if evidence.recorded.scatters:
-                    variance = ramp[:, row, first:].var(axis=0, ddof=1)
-                    variance = uniform_filter1d(variance, SCATTER.smooth, mode='nearest')
+                    variance = _covariance(ramp[:, row, first:], ramp[:, row, first:])
                 else:
                     variance = evidence.white[g]['ramp'][row]
                 std[g, row, first:] = np.sqrt(variance / len(ramp))
         return np.stack([ramp.mean(axis=0) for ramp in evidence.ramps]), std
+
+    def in_pairs(self, evidence: Evidence) -> tuple[tuple[int, int], np.ndarray]:
+        """Return by how much the noise of the phases' sum and difference is correlated (G, K).
+
+        It is where one receiver is far noisier than the other one. Nothing is said of groups in which it is not.
+        """
+        recorded = evidence.recorded
+        shares = np.zeros((len(evidence.ramps), evidence.ramps[0].shape[-1]))
+        if not (recorded.scatters and len(recorded.phases) == 2):
+            return (0, 0), shares
+        one, other = recorded.phases
+        first = SCATTER.free_phase
+        for share, ramp in zip(shares, evidence.ramps, strict=True):
+            both = [ramp[:, row, first:] for row in (one, other)]
+            variances = [_covariance(x, x) for x in both]
+            found = _covariance(*both) / np.sqrt(np.maximum(variances[0] * variances[1], np.finfo(float).tiny))
+            if abs(np.median(found)) > SCATTER.correlated:
+                share[first:] = np.clip(found, -SCATTER.fully, SCATTER.fully)
+        return (one, other), shares
 
     def predicted(self, expected: Expected) -> np.ndarray:
         """Return the series of simulated sweeps."""
@@ -177,6 +195,13 @@ class Flutter(_OfChannels):
         count = len(shown.whitened)
         x = _modulation(shown.recorded, count)
         return Plotted(x, shown.whitened, np.ones(count), shown.template, 'σ', at_distance(shown))
+
+
+def _covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the covariance of terms of one sweep (K,), smooth over the terms, from a group's sweeps (n, K) each."""
+    products = (one - one.mean(axis=0)) * (other - other.mean(axis=0))
+    smooth: np.ndarray = uniform_filter1d(products.sum(axis=0) / (len(one) - 1), SCATTER.smooth, mode='nearest')
+    return smooth
 
 
 def _displaced(explained: Explained) -> np.ndarray:

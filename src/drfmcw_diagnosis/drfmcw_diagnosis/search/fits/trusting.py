@@ -29,7 +29,7 @@ class Trusting(Templates):
         super().__init__(comparison)
         self.noisier = np.ones(len(comparison.residual))
         self.set_aside = np.zeros((0, len(comparison.residual)))
-        self.whitening = Whitening(self.noisier, comparison.common_errors)
+        self.whitening = Whitening(self.noisier, comparison.common_errors, comparison.correlated)
 
     def misfit(self, template: np.ndarray | float) -> float:
         """Return the sum of squared whitened residuals with a template; where one is known, see `trust`."""
@@ -62,7 +62,7 @@ class Trusting(Templates):
         if with_unknown:
             directions.append(self.set_aside)
         weight = (self.noisier if with_unknown else 1.0) / np.sqrt(1.0 + self.doubt(fitted) ** 2)
-        return Whitening(weight, np.concatenate(directions))
+        return Whitening(weight, np.concatenate(directions), self.comparison.correlated)
 
     def count_as_noise(self, fitted: Fitted | None, apart: np.ndarray, candidates: np.ndarray) -> None:
         """Set aside what has no name; let other numbers that are not explained count by the scatter that they have.
