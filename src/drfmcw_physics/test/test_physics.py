@@ -185,7 +185,7 @@ def test_skirts_hold_all_power_that_the_line_lost():
     quadrature, in_phase = components_around_line(noisy, rate, count)
     held = np.array([2.0 * np.sum(d[1:-1]) + d[0] + d[-1] for d in (quadrature, in_phase)]) * rate / count
     assert held == pytest.approx([math.sinh(variance), math.cosh(variance) - 1.0], rel=1e-9)
-    # the same wherever it is asked for, beyond the Nyquist frequency as well, where samples cannot tell it
+    # the same on either side of the line, and a whole sample rate away, where samples show no difference
     at = np.array([0.0, 31e3, -31e3, 31e3 + rate])
     expected = np.interp(np.abs([0.0, 31e3, 31e3, 31e3]), offset[: count // 2], (quadrature + in_phase)[: count // 2])
     assert around_line(noisy, at, rate) == pytest.approx(expected, rel=1e-3)
