@@ -27,7 +27,8 @@ What shows over the sweep alone is in doubt where an event at one time of the sw
 a second path where one of a reflector that stands still or is there along a part of the track does, see `paths`. What
 is left beside an effect is what is left beside the events that are set aside as well.
 
-Bursts that last longer than a sweep are in doubt: whatever makes some sweeps noisier than others does as much.
+Bursts that last longer than a sweep are in doubt: whatever makes some sweeps noisier than others does as much. A sway
+is where a drift that all groups share explains nearly as much, see `drifts`.
 
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `compare.steadiness`.
 
@@ -55,7 +56,9 @@ from ..search.fits.fitted import Fitted, FittedEffect, Freedom, cells_of, series
 from ..search.fits.fitting import Fitting
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
+from .drifts import drifting
 from .evidence import clean, excess, of_uneven_converters, significantly_left
+from .parts import chance_of_sizes, largest_share, smallest_size, unevenness, without_each
 from .paths import LIMITS as PATHS
 from .paths import beyond_paths
 from .receivers import (
@@ -96,6 +99,7 @@ class StandingLimits:
     alike: float = 0.5  # cosine between what two effects add, from which on they may cancel [1]
     cancelled: float = 4.0  # power of an effect over that of the sum with all that may cancel it, at most [1]
     by_chance: float = 1e-6  # chance of sizes that differ more than `over_groups` or `over_kinds`, at most [1]
+    drifting: float = 0.9  # what a drift that all groups share explains over what a sway explains, at most [1]
     lasting: float = 1.0  # time that a burst lasts over the sweep's duration, at most [1]
     inflated: float = 5.0  # standard deviation beside others that the range alone shows, over that without them [1]
 
@@ -131,6 +135,7 @@ class Standing:
     beyond_path: float = np.inf  # of second paths
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
     lasting: float = 0.0  # of bursts
+    drifting: float = 0.0  # of a sway
     is_harmonic: bool = False  # or the fundamental of another line of the explanation
 
     @property
@@ -152,6 +157,7 @@ class Standing:
             and self.repeated < LIMITS.repeated
             and self.multiples < LIMITS.multiples
             and self.lasting < LIMITS.lasting
+            and self.drifting < LIMITS.drifting
             and not self.is_harmonic
             and self.inflated < LIMITS.inflated
             and self.over_aside > LIMITS.faint
@@ -205,7 +211,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         if effect.candidate.recipe.per_group:
             least[own] = LIMITS.determined_apart
     changes = {
-        name: _without_each(rest, slopes, parts, least)[parts] for name, parts in (('group', groups), ('kind', kinds))
+        name: without_each(rest, slopes, parts, least)[parts] for name, parts in (('group', groups), ('kind', kinds))
     }
     significant = significantly_left(fitting, fitted, derivatives)
     converters = of_uneven_converters(fitting, significant, as_measured(fitted.template))
@@ -214,6 +220,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting.comparison, fitted.build())
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
     paths, periodic = beyond_paths(fitting, fitted), harmonics(fitting, fitted)
+    drifts = drifting(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest, as_it_is) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
     aside = np.any(fitting.set_aside != 0.0, axis=0)
@@ -226,7 +233,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         added, measured = whitening(alone), as_measured(alone)
         per_group = fitted.effects[number].candidate.recipe.per_group
         # sizes of single groups can neither predict nor confirm each other
-        by_group = _largest_share(added, groups) < LIMITS.alone and not per_group
+        by_group = largest_share(added, groups) < LIMITS.alone and not per_group
         bursts = fitted.effects[number].candidate.kind.bursts
         without = changes['group' if by_group else 'kind']
         moved = np.einsum('np,pn->n', without, slopes)
@@ -234,10 +241,10 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         free = own.stop - own.start
         drives = fitted.effects[number].candidate.kind.motion is Motion.DRIVE
         if drives:  # the phase shows a movement far better than all else, but any other drift of a delay as well
-            testable = (1.0 - _largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
+            testable = (1.0 - largest_share(added, kinds)) * float(added @ added) > LIMITS.visible
         else:
             clear = float(np.sum(added[unmistakable] ** 2)) > LIMITS.visible
-            testable = by_group or bursts or clear or _largest_share(added, kinds) < LIMITS.alone
+            testable = by_group or bursts or clear or largest_share(added, kinds) < LIMITS.alone
         evident = clean(fitting, significant, left_over, measured, cells) & ~converters
         standing = _standing(rest, added, moved, moved_own, groups, kinds, evident, ~converters, free, testable)
         in_range = float(measured[of_range] @ measured[of_range])
@@ -259,8 +266,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 over_kinds=standing.over_kinds - doubt,
                 predicted=1.0 if bursts else standing.predicted,
                 smallest=min(
-                    _smallest_size(rest, added, groups) if by_group and not bursts else 1.0,
-                    _smallest_size(rest[exact], added[exact], kinds[exact]),
+                    smallest_size(rest, added, groups, LIMITS.visible) if by_group and not bursts else 1.0,
+                    smallest_size(rest[exact], added[exact], kinds[exact], LIMITS.visible),
                 ),
                 certain=_certainty(fitted.effects[number], slopes, own),
                 left=left,
@@ -278,6 +285,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 beyond_path=paths[number],
                 one_size=one_size[number],
                 lasting=_lasting(fitting, fitted.effects[number]) if bursts else 0.0,
+                drifting=drifts[number],
                 is_harmonic=periodic[number],
             )
         )
@@ -297,7 +305,7 @@ def uneven(fitting: Fitting, fitted: Fitted) -> list[bool]:
     def differs(number: int) -> bool:
         added = fitting.whitening(fitting.added_beside(fitted, number))
         return any(
-            _unevenness(rest, added, parts) > most and _chance_of_sizes(rest, added, parts) < LIMITS.by_chance
+            unevenness(rest, added, parts) > most and chance_of_sizes(rest, added, parts) < LIMITS.by_chance
             for parts, most in either
         )
 
@@ -399,29 +407,6 @@ def _confirming(fitting: Fitting) -> np.ndarray:
     return np.unique(parts, return_inverse=True)[1]
 
 
-def _largest_share(added: np.ndarray, parts: np.ndarray) -> float:
-    """Return the share of an effect's power that lies in the part which shows it best."""
-    by_part = np.bincount(parts, added**2)
-    return float(by_part.max() / max(by_part.sum(), 1e-30))
-
-
-def _without_each(rest: np.ndarray, slopes: np.ndarray, parts: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Return by how much the parameters change when each part is left out of the fit (parts, P), to first order.
-
-    Parameters that one part alone determines stay as they are without it: of which other parts have less than a share
-    of the information (P,).
-    """
-    normal, pull = slopes @ slopes.T, slopes @ rest  # a fit ends where the pull is nearly zero, not quite
-    changes = np.zeros((parts.max() + 1, len(slopes)))
-    for part in range(parts.max() + 1):
-        inside = slopes[:, parts == part]
-        left = normal - inside @ inside.T
-        kept = np.diag(left) > least * np.diag(normal)
-        inverse = scaled_inverse(left[np.ix_(kept, kept)])
-        changes[part, kept] = inverse @ (pull - inside @ rest[parts == part])[kept]
-    return changes
-
-
 def _standing(
     rest: np.ndarray,
     added: np.ndarray,
@@ -453,42 +438,11 @@ def _standing(
     predicted = (left + added + moved_own) ** 2 - left**2
     total = max(float(gain.sum()), 1e-30)
     return Standing(
-        over_groups=_unevenness(rest[sound], added[sound], groups[sound]),
-        over_kinds=_unevenness(rest[sound], added[sound], kinds[sound]),
+        over_groups=unevenness(rest[sound], added[sound], groups[sound]),
+        over_kinds=unevenness(rest[sound], added[sound], kinds[sound]),
         predicted=float(predicted.sum()) / total,
         evidence=float(gain[clean].sum()) / total,
         probability=float(stats.chi2.sf(max(float(gain[clean].sum()), 0.0), free)),
         testable=testable,
         gain=total,
     )
-
-
-def _unevenness(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:
-    """Return the mean squared relative difference of an effect's size from part to part, less what noise makes of it.
-
-    In each part the size that fits best is 1 + (added . rest) / (added . added) times that of the explanation, with a
-    variance of 1 / (added . added); parts count by their power, those of less than the noise not at all.
-    """
-    squares = _differences(rest, added, parts)
-    return float((squares.sum() - len(squares)) / max(float(added @ added), 1e-30))
-
-
-def _chance_of_sizes(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:
-    """Return the chance of sizes that differ so much from part to part, see `_unevenness`."""
-    squares = _differences(rest, added, parts)
-    return float(stats.chi2.sf(squares.sum(), max(len(squares), 1)))
-
-
-def _differences(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return the squared differences of an effect's size in each part that counts over their variances."""
-    power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
-    used = power > 1.0
-    squares: np.ndarray = overlap[used] ** 2 / power[used]
-    return squares
-
-
-def _smallest_size(rest: np.ndarray, added: np.ndarray, parts: np.ndarray) -> float:
-    """Return the smallest size of an effect over that of the explanation, of the parts that would show it."""
-    power, overlap = np.bincount(parts, added**2), np.bincount(parts, added * rest)
-    visible = power > LIMITS.visible
-    return float(np.min(1.0 + overlap[visible] / power[visible], initial=1.0))

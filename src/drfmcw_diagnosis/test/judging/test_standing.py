@@ -21,6 +21,7 @@ from drfmcw_diagnosis.search.events import beyond_events
 from drfmcw_diagnosis.search.fits.fitting import Fitting
 from drfmcw_diagnosis.search.fits.whitening import Whitening
 from drfmcw_diagnosis.search.leftovers import leftovers
+from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.starts.bank import Candidate
 from drfmcw_physics.phase_noise import PhaseNoise, variance_within
 from drfmcw_sim.effects import Effect
@@ -201,6 +202,26 @@ def test_what_every_distance_has_of_its_own_is_confirmed_by_several_kinds_of_num
     start = {f'velocity[{group}]': 0.5 * v for group, v in enumerate(creeping)}
     (standing,) = standings(fitting, fitted(fitting, 'target_motion', '', **start))
     assert standing.gain > 1000.0 and not standing.testable
+
+
+@pytest.mark.parametrize('creeps', [True, False])
+def test_a_drift_that_all_groups_share_is_no_sway(data, creeps):
+    """A delay that creeps turns the phase in each group alike, as an alias of a sway does. Nothing is by chance."""
+    comparison = Comparison(data)
+    if creeps:
+        chosen = np.flatnonzero(comparison.entries.where(kind='movement'))
+        group, time = comparison.entries.group[chosen], data.time[comparison.entries.position[chosen]]
+        way = 0.002 * (time - (np.bincount(group, time) / np.bincount(group))[group])
+        comparison.residual = np.zeros(len(comparison.residual))
+        comparison.residual[chosen] = way / comparison.std.movement
+    else:
+        sway = Effect.registry['sway'](amplitude=0.002, frequency=0.6)
+        comparison.residual = comparison.template([sway])
+    search = Search(comparison, without=set(Effect.registry) - {'sway'})
+    (found, *_) = search.best_addition(None)
+    (standing,) = standings(search, found)
+    assert standing.gain > 100.0
+    assert standing.drifting > 0.9 if creeps else standing.drifting < 0.2
 
 
 def test_phase_noise_takes_power_from_the_line(data):
