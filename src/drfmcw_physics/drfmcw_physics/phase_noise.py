@@ -1,6 +1,7 @@
 """Phase noise of a PLL synthesiser: one-pole shape, flat inside the loop, -20 dB per decade above its corner."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -63,6 +64,14 @@ def covariance(noise: PhaseNoise, sample_rate: float, delay: Quantity = 0.0, cou
     return found * sample_rate
 
 
+@functools.lru_cache(maxsize=64)
+def _covariance(noise: PhaseNoise, sample_rate: float) -> np.ndarray:
+    """Return what `covariance` does without a delay; read-only."""
+    found = covariance(noise, sample_rate)
+    found.setflags(write=False)
+    return found
+
+
 def around_line(oscillators: Sequence[PhaseNoise], offset: Quantity, sample_rate: float) -> Any:
     """Return the density around a sampled line whose phase has the noise of all, over the power it keeps [1/Hz].
 
@@ -92,9 +101,17 @@ def components_around_line(
     Returns:
         Two arrays (N // 2 + 1,) [1/Hz] at multiples of sample_rate / N.
     """
+    return _components(tuple(oscillators), sample_rate, count)
+
+
+@functools.lru_cache(maxsize=64)
+def _components(oscillators: tuple[PhaseNoise, ...], sample_rate: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `components_around_line` does; read-only."""
     together = sum((covariance(o, sample_rate, count=count) for o in oscillators), np.zeros(count))
-    quadrature, in_phase = _densities(together, sample_rate)
-    return quadrature.real, in_phase.real
+    quadrature, in_phase = (density.real for density in _densities(together, sample_rate))
+    quadrature.setflags(write=False)
+    in_phase.setflags(write=False)
+    return quadrature, in_phase
 
 
 def components_between_lines(
@@ -158,7 +175,7 @@ def variance_within(noise: PhaseNoise, count: int, sample_rate: float, delay: Qu
         delay: after which the oscillator is mixed with itself (...) [s], None for another, noise-free one.
     """
     if delay is None:
-        found = covariance(noise, sample_rate)
+        found = _covariance(noise, sample_rate)
     else:
         delay = np.asarray(delay, dtype=float)
         found = 2.0 * covariance(noise, sample_rate)
