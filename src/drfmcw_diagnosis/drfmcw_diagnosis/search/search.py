@@ -93,7 +93,7 @@ class Search(Promising):
         may hide the right one.
         """
         for number, effect in enumerate(fitted.effects):
-            if effect.candidate.kind.fluctuates:
+            if effect.candidate.kind.fluctuates and effect.candidate.recipe.scanned:
                 fitted = self._shifted(fitted, number)
             if not effect.candidate.recipe.lookalikes:
                 continue
