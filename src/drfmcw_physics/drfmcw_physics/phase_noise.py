@@ -64,14 +64,6 @@ def covariance(noise: PhaseNoise, sample_rate: float, delay: Quantity = 0.0, cou
     return found * sample_rate
 
 
-@functools.lru_cache(maxsize=64)
-def _covariance(noise: PhaseNoise, sample_rate: float) -> np.ndarray:
-    """Return what `covariance` does without a delay; read-only."""
-    found = covariance(noise, sample_rate)
-    found.setflags(write=False)
-    return found
-
-
 def around_line(oscillators: Sequence[PhaseNoise], offset: Quantity, sample_rate: float) -> Any:
     """Return the density around a sampled line whose phase has the noise of all, over the power it keeps [1/Hz].
 
@@ -165,8 +157,7 @@ def coherent_loss(variance: Quantity) -> Any:
 def variance_within(noise: PhaseNoise, count: int, sample_rate: float, delay: Quantity | None = None) -> Any:
     """Return the variance of a sampled phase within a stretch of time, about its mean there [rad^2].
 
-    The mean of a stretch takes the covariance's mean over all pairs of times: what is slower turns the stretch as a
-    whole.
+    The mean of a stretch follows what is slower, which turns the stretch as a whole.
 
     Args:
         noise: of the oscillator.
@@ -174,12 +165,26 @@ def variance_within(noise: PhaseNoise, count: int, sample_rate: float, delay: Qu
         sample_rate: [Hz].
         delay: after which the oscillator is mixed with itself (...) [s], None for another, noise-free one.
     """
+    frequency, left = _beside_mean(noise, count, sample_rate)
     if delay is None:
-        found = _covariance(noise, sample_rate)
-    else:
-        delay = np.asarray(delay, dtype=float)
-        found = 2.0 * covariance(noise, sample_rate)
-        found = found - covariance(noise, sample_rate, delay) - covariance(noise, sample_rate, -delay)
-    lag = np.arange(count)
-    pairs = np.where(lag > 0, 2.0, 1.0) * (1.0 - lag / count) / count
-    return found[..., 0] - found[..., :count] @ pairs
+        return np.sum(left)
+    return combination_gain(frequency, np.asarray(delay, dtype=float)[..., None]) @ left
+
+
+@functools.lru_cache(maxsize=64)
+def _beside_mean(noise: PhaseNoise, count: int, sample_rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies [Hz] and what each adds to the variance of a phase about the mean of a stretch [rad^2].
+
+    Args:
+        noise: of the oscillator.
+        count: samples of the stretch.
+        sample_rate: [Hz].
+    """
+    frequency = scipy.fft.rfftfreq(_COUNT, 1.0 / sample_rate)
+    turns = frequency / sample_rate
+    followed = (np.sinc(count * turns) / np.sinc(turns)) ** 2
+    left = noise.phase_density(frequency) * (1.0 - followed) * (sample_rate / _COUNT)
+    left[-1] /= 2.0  # the Nyquist frequency has no negative of its own
+    frequency.setflags(write=False)
+    left.setflags(write=False)
+    return frequency, left
