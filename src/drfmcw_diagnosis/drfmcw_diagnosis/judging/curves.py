@@ -153,11 +153,21 @@ def bent(
     """
     c = fitting.comparison
     over = conditions(fitting)
-    gains, late = _gains(fitting, over, fitting.whitening, Freedom(slopes), rest)
+    kind = next(k for k in c.kinds if k.name == 'range')
+    curves = {name: _curves(fitting, kind, x, LIMITS.degrees) for name, x in over.items()}
+    leads = {name: _in_numbers(fitting, kind, x) for name, x in _leads(fitting, over).items()}
+
+    def gained(whitening: Whitening, beside: Freedom, rest: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
+        """Return what curves of each condition explain of the range's error, and what follows each temperature late."""
+        at_once = {name: gain_of(beside.left(whitening(shapes)), rest) for name, shapes in curves.items()}
+        apart = {name: beside.left(whitening(shapes)) for name, shapes in leads.items()}
+        return at_once, {name: max(gain_of(one[None], rest) for one in shapes) for name, shapes in apart.items()}
+
+    gains, late = gained(fitting.whitening, Freedom(slopes), rest)
     most = max(gains.values(), default=0.0)
     if len(fitting.set_aside):
         beside = Freedom(as_it_is(fitting.slopes(fitted)))
-        at_once, as_late = _gains(fitting, over, as_it_is, beside, as_it_is(c.residual - fitted.template))
+        at_once, as_late = gained(as_it_is, beside, as_it_is(c.residual - fitted.template))
         late |= {name: gain for name, gain in as_late.items() if gain > max(at_once.values())}
     found: list[float | None] = []
     for effect in fitted.effects:
@@ -173,20 +183,6 @@ def bent(
         unlikely = len(LIMITS.lags) * float(stats.chi2.sf(later, 1)) < LIMITS.chance
         found.append(max(curve, later) if unlikely and later > most else curve)
     return found
-
-
-def _gains(
-    fitting: Fitting, over: dict[str, np.ndarray], whitening: Whitening, beside: Freedom, rest: np.ndarray
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Return what curves of each condition explain of the range's error, and what follows each temperature late."""
-    kind = next(k for k in fitting.comparison.kinds if k.name == 'range')
-    at_once, late = {}, {}
-    for name, x in over.items():
-        at_once[name] = gain_of(beside.left(whitening(_curves(fitting, kind, x, LIMITS.degrees))), rest)
-    for name, leads in _leads(fitting, over).items():
-        followed = beside.left(whitening(_in_numbers(fitting, kind, leads)))
-        late[name] = max(gain_of(one[None], rest) for one in followed)
-    return at_once, late
 
 
 def left(search: Search, fitted: Fitted | None, as_measured: Whitening) -> np.ndarray:
