@@ -197,12 +197,11 @@ class BlockEstimator:
         shown = _power(models.amplitude)
         doubtful = np.flatnonzero(shown < _CLEAR * _power(lines).mean(axis=-1))
         if len(doubtful):
-            straight = self._fit(lines[:, doubtful], np.zeros(len(doubtful)))
-            stronger = _power(straight.amplitude) > shown[doubtful]
-            chosen = doubtful[stronger]
-            chirp[chosen] = 0.0
-            for field in dataclasses.fields(_Lines):
-                getattr(models, field.name)[:, chosen] = getattr(straight, field.name)[:, stronger]
+            straight = _power(_tone(lines[:, doubtful], self._time[:, None], self._size)[1])
+            feigned = doubtful[straight > shown[doubtful]]
+            if len(feigned):
+                chirp[feigned] = 0.0
+                models = self._fit(lines, chirp)
         return chirp, models
 
     def _fit(self, lines: np.ndarray, chirp: np.ndarray) -> '_Lines':
