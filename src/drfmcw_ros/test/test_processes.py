@@ -126,10 +126,9 @@ def test_error_shows_where_in_the_worker_it_was_raised():
 def test_worker_that_takes_too_long_is_ended():
     with Worker(sleep_long, start='fork') as worker:
         worker.give(None)
-        results = worker.results(0.2)
-        assert next(results) == 'begun'
+        assert next(worker.results(LIMIT)) == 'begun'
         with pytest.raises(WorkFailed, match=r'nothing came for 0\.2 s'):
-            next(results)
+            next(worker.results(0.2))
 
 
 @pytest.mark.parametrize('ahead', [0, 3])
