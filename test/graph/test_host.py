@@ -159,10 +159,11 @@ def test_signals_become_stale_too(site):
     with site.page('/signals') as page:
         for station in ('master', 'slave'):
             expect(page.locator(f'[data-field="{station}.spectrum"]')).to_have_text('current')
+        row = page.locator('tbody[data-field=budget] tr', has_text='slave').locator('td')
+        expect(row.nth(1)).to_contain_text('dBm')  # it comes later than the spectra
         with silenced(site):
             expect(page.locator('[data-field="master.spectrum"]')).to_have_text(re.compile('STALE: nothing for [1-9]'))
             expect(page.locator('[data-field="spectra"]')).to_have_attribute('data-state', 'stale')
-            row = page.locator('tbody[data-field=budget] tr', has_text='slave').locator('td')
             expect(row.last).to_have_text(re.compile('STALE: nothing for [1-9]'))
             expect(row.nth(1)).to_have_attribute('data-state', 'stale')
             assert 'dBm' in row.nth(1).text_content()
