@@ -97,6 +97,7 @@ def received(connection, channel, number, count):
                 found.append(message[13:])
         # the library offers a new channel an instant before it knows it: whoever is quicker must ask again
         elif json.loads(message)['op'] == 'status':
+            assert time.monotonic() < end, message
             time.sleep(0.1)
             connection.send(wish)
     return found
