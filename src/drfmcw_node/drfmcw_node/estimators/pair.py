@@ -30,6 +30,7 @@ _NEAR = 2 * _PADDING  # around the frequency at which a tone is expected: two bi
 _FAR_STRONGER = 4.0  # power of a tone elsewhere over that of one where it is expected: noise is not, a line is
 _STEPS = 2  # of Newton's method
 _CLEAR = 0.7  # share of the blocks' power in their tone, above which the chirp is beyond doubt
+_STEADY = 0.1  # relative variance of the blocks' power, below which no noise feigns a chirp: a line holds 0.95 of it
 _ROUNDS = 3  # of mirror line and constant against a line whose chirp is not known
 
 
@@ -176,33 +177,55 @@ class BlockEstimator:
         coarse, records, models = self._begun(found)
         for _ in range(1 if self._chirp_known else _ROUNDS):
             lines = records.without_leakage(models.blocks)
-            chirp, models = self._bent(lines)
+            chirp, models, _ = self._bent(lines)
         return coarse, lines, chirp, models
 
     def _begun(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], '_Demodulated', '_Lines']:
-        """Return coarse frequencies of each station, blocks, and the lines of a first round, leakage included."""
+        """Return coarse frequencies of each station, blocks, and the lines of a first round, leakage included.
+
+        The strongest bin of a line that bends over many may be any of them, as noise or its phase has it: such a line
+        is demodulated at its mean frequency instead.
+        """
         coarse = [station.coarse(sweeps) for station, sweeps in zip(self.stations, found, strict=True)]
         records = self._demodulate(found, coarse)
         if self._chirp_known:
             return coarse, records, self._fit(records.line, np.zeros(len(coarse[0])))
-        return coarse, records, self._bent(records.line)[1]
+        _, models, bent = self._bent(records.line)
+        if len(bent):
+            for station, blocks, at in zip(self.stations, records.line[:, bent], coarse, strict=True):
+                steps = np.sum(blocks[:, 1:] * blocks[:, :-1].conj(), axis=-1, dtype=complex)
+                mean = np.angle(steps) / (2.0 * np.pi * self._size)  # cycles per sample
+                at[bent] += np.rint(mean * station.length * FINE).astype(at.dtype)
+            records = self._demodulate(found, coarse)
+            models = self._bent(records.line)[1]
+        return coarse, records, models
 
-    def _bent(self, lines: np.ndarray) -> tuple[np.ndarray, '_Lines']:
-        """Return the first line's residual chirp (B,) [cycles per sample^2] and the lines fitted with it.
+    def _bent(self, lines: np.ndarray) -> tuple[np.ndarray, '_Lines', np.ndarray]:
+        """Return what is fitted to lines with a residual chirp.
 
-        Noise may feign a chirp. A line that is stronger without it has none.
+        Noise may feign a chirp. A line that is stronger without it has none. A line that bends otherwise than by a
+        chirp leaves the tone as well, but not in noise: the power of its blocks is steady. They are its model then.
+
+        Args:
+            lines: blocks (S, B, K).
+
+        Returns:
+            first line's chirp (B,) [cycles per sample^2], lines, and numbers of the sweeps that bend otherwise.
         """
         chirp = self._chirp(lines)
         models = self._fit(lines, chirp)
         shown = _power(models.amplitude)
         doubtful = np.flatnonzero(shown < _CLEAR * _power(lines).mean(axis=-1))
+        steady = _steady(lines[:, doubtful])
+        bent, doubtful = doubtful[steady], doubtful[~steady]
         if len(doubtful):
             straight = _power(_tone(lines[:, doubtful], self._time[:, None], self._size)[1])
             feigned = doubtful[straight > shown[doubtful]]
             if len(feigned):
                 chirp[feigned] = 0.0
                 models = self._fit(lines, chirp)
-        return chirp, models
+        models.blocks[:, bent] = lines[:, bent]
+        return chirp, models, bent
 
     def _fit(self, lines: np.ndarray, chirp: np.ndarray) -> '_Lines':
         """Return the lines of blocks (S, B, K), the first one's residual chirp given (B,) [cycles per sample^2]."""
@@ -421,6 +444,13 @@ def _power(values: np.ndarray) -> np.ndarray:
     """Return the squared magnitude of complex values, summed over the first axis."""
     power: np.ndarray = np.sum(values.real**2 + values.imag**2, axis=0)
     return power
+
+
+def _steady(blocks: np.ndarray) -> np.ndarray:
+    """Return where the power of each station's blocks (S, B, K) hardly varies (B,), whatever their phases do."""
+    power = blocks.real**2 + blocks.imag**2
+    steady: np.ndarray = np.all(power.var(axis=-1) < _STEADY * power.mean(axis=-1) ** 2, axis=0)
+    return steady
 
 
 def _rotation(rate: np.ndarray, time: np.ndarray) -> np.ndarray:
