@@ -208,9 +208,9 @@ def test_noise_beside_a_limit_is_known_as_well_as_the_phases_of_few_sweeps(tmp_p
 
 def test_a_band_that_only_the_modelled_line_fills_casts_no_doubt(tmp_path):
     """A curved ramp shifts the line out of a band which the model has it fill, and so knows no noise of."""
-    curved = {'effect': 'sweep_curvature', 'station': 'slave', 'deviation': -20.7e3}
+    curved = {'effect': 'sweep_curvature', 'station': 'slave', 'deviation': -26e3}
     standing = {'standing': {'distances': [30.0, 60.0], 'sweeps': 12}}
-    path = record(scene(standing, mode={'start_delay_short': 3.21e-6}, effects=[curved]), tmp_path / 'r')
+    path = record(scene(standing, mode={'start_delay_short': 3.24e-6}, effects=[curved]), tmp_path / 'r')
     fitting = Fitting(Comparison(read_dataset(path)))
     assert np.isnan(fitting.comparison.std['noise']).any()
     start = Candidate('second_order_distortion', 'slave', Effect.registry['second_order_distortion'].recipes[0], {})
@@ -328,6 +328,22 @@ def test_the_strongest_line_that_is_tried_fits_single_precision():
     effect = Effect.registry['amplitude_loss']
     lowest, _ = effect.recipes[0].limits['loss']
     assert np.isfinite(comparison.template((effect(loss=lowest),))).all()
+
+
+@pytest.mark.parametrize('name', ['sweep_curvature', 'second_order_distortion'])
+def test_the_ramp_follows_a_strong_bend_without_steps(name):
+    """No bin of a line that bends by 20 kHz is the strongest for long; the third difference of three steps shows it."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+
+    def template(step: int) -> np.ndarray:
+        bend = Effect.registry['sweep_curvature'](station='slave', deviation=-20670.0 + 10.0 * step)
+        if name == 'sweep_curvature':
+            return comparison.template((bend,))[comparison.entries.where(kind='ramp')]
+        bent = dataclasses.replace(bend, deviation=-20670.0)
+        return comparison.template((bent, Effect.registry[name](second_order=0.525 + 1e-3 * step)))
+
+    first, second, third, last = (template(step) for step in range(4))
+    assert np.linalg.norm(last - 3.0 * (third - second) - first) < 0.1 * np.linalg.norm(last - first)
 
 
 def test_codes_at_which_a_crest_ends_change_little():
