@@ -273,6 +273,10 @@ class SimulationLimits:
     levels: int = 6
     """Strengths of a line at which it is simulated what a distortion takes of it; chosen."""
 
+    straight: float = 0.0005
+    """Error of a line's strength between these [dB], below which no nearer ones are simulated; chosen: a tenth of
+    `line_known`."""
+
     fine: int = 201
     """Strengths that are compared over the same reach, between those simulated; chosen."""
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from drfmcw_node.estimators.spectral import parabola_vertex
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import ActsOn, Effect, Motion, Stage
 from drfmcw_sim.measurements import Measurements
@@ -38,6 +39,7 @@ class SimulatedSweeps:
                 effects, of I and Q apart (G, S) [LSB].
         """
         self._recorded, self._loss, self._noise_std = recorded, loss, noise_std
+        self._leaking: set[int] = set()  # parts, by their first groups, into whose lines mirror lines leak
 
     def mean(self, part: Part, effects: Sequence[Effect]) -> SweepFeatures:
         """Return the features of one noise-free sweep pair per group; harmonics only where an effect makes some.
@@ -97,11 +99,19 @@ class SimulatedSweeps:
         copies = SIMULATION.distorted if many else 4 if added else 2
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
-        each, moved = self.copies(part, effects, copies, swaying, not effects, turns, speed)
-        if not many and _spread_of_ramp(each, copies) > SIMULATION.mirrored:
-            begin = turns / (2.0 * copies)
-            between, _ = self.copies(part, effects, copies, swaying, not effects, turns, speed, begin)
-            each, copies = _joined([each, between]), 2 * copies
+        simulated = functools.partial(self.copies, part, effects, swaying=swaying, turns=turns, speed=speed)
+        # where mirror lines leaked into the sweeps simulated last, twice as many are made at once
+        twice = not many and int(part.groups[0]) in self._leaking
+        each, moved = simulated(copies * (1 + twice), harmonic=not effects)
+        if not many:
+            leaks = _spread_of_ramp(each, copies, 1 + twice) > SIMULATION.mirrored
+            if leaks and not twice:
+                self._leaking.add(int(part.groups[0]))
+                each, moved = simulated(2 * copies, harmonic=not effects)
+            elif twice and not leaks:
+                self._leaking.remove(int(part.groups[0]))
+                each, moved = simulated(copies, harmonic=not effects)
+            copies *= 1 + leaks
         features = _mean(each, copies)
         if np.any(moved):
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index
@@ -156,16 +166,14 @@ class SimulatedSweeps:
         harmonic: bool = False,
         turns: float = 0.5,
         speed: np.ndarray | None = None,
-        begin: float = 0.0,
     ) -> tuple[SweepFeatures, np.ndarray]:
         """Return features of sweeps, their phases evenly over so many turns, and the delay added to them (G,).
 
-        The first one's phase is `begin` [turns].
         Those of a drive lie all along its way, if its speed is given (G,) [m/s].
         """
         count = len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
-        rows.initial_phase[0] += np.repeat(begin + np.arange(copies) * (turns / copies), count)
+        rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
         # a group's mean is that over its time, in which a crane may swing far
         times = np.stack([self._times(g, copies) for g in part.groups], axis=1)
         if swaying:
@@ -242,12 +250,17 @@ class SimulatedSweeps:
         if not any(effect.distorts for effect in effects):
             return wanted
         budget = amplitudes - amplitudes.mean(axis=0)
-        lowest = np.minimum(wanted[0], budget[0])
+        lowest = np.minimum(wanted[0], budget[0]) - SIMULATION.limit_known
         highest = np.maximum(wanted[-1], budget[-1]) + SIMULATION.beyond
         steps = np.linspace(0.0, 1.0, SIMULATION.fine)
+        levels, rise = np.empty((2, SIMULATION.levels, *lowest.shape))
+        bent = np.ones(len(part.groups), bool)
         for _ in range(2):  # first roughly
-            levels = np.linspace(lowest, highest, SIMULATION.levels)
-            rise = self._rise(part, effects, levels, plain)
+            if bent.any():
+                levels[:, bent] = np.linspace(lowest[bent], highest[bent], SIMULATION.levels)
+                rise[:, bent] = self._rise(_of_groups(part, bent), effects, levels[:, bent], plain.amplitude[bent])
+                curved = np.abs(np.diff(rise, 2, axis=0)) / 8.0  # by how much a straight line is off in between
+                bent = np.any(curved > SIMULATION.straight, axis=(0, 2))
             found = np.empty(wanted.shape)
             for at in np.ndindex(plain.amplitude.shape):
                 of = (slice(None), *at)
@@ -256,14 +269,14 @@ class SimulatedSweeps:
             lowest, highest = found[0] - SIMULATION.limit_known, found[-1] + SIMULATION.limit_known
         return found
 
-    def _rise(self, part: Part, effects: Sequence[Effect], levels: np.ndarray, plain: SweepFeatures) -> np.ndarray:
-        """Return by how much lines rise above those of `plain` where the received power does by `levels`.
+    def _rise(self, part: Part, effects: Sequence[Effect], levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
+        """Return by how much lines rise above `plain` ones where the received power does by `levels`.
 
         Args:
             part: groups of one setting.
             effects: that act.
             levels: rise of the received power (L, G, S) [dB].
-            plain: the sweeps at level 0 without distortion.
+            plain: amplitude at level 0 without distortion (G, S) [dB of 1 LSB].
 
         Returns:
             rise of the lines (L, G, S) [dB].
@@ -271,7 +284,7 @@ class SimulatedSweeps:
         rows = self._raised(part, levels)
         align(part, rows, len(levels), self._recorded.sweeps, effects)
         lines = part.extract.amplitude(self._heard(part, rows, effects))
-        return lines.reshape(len(levels), *plain.amplitude.shape) - plain.amplitude
+        return lines.reshape(len(levels), *plain.shape) - plain
 
     def samples(self, part: Part, effects: Sequence[Effect], noise: bool) -> tuple[np.ndarray, ...]:
         """Return one sweep per group before the ADC, of each station with samples (G, N), with iq (G, 2 N) [LSB]."""
@@ -367,6 +380,11 @@ class SimulatedSweeps:
         return _spread(self._recorded.sweeps[group].beat, count) / self._recorded.parts[0].extract.beat_per_start_delay
 
 
+def _of_groups(part: Part, chosen: np.ndarray) -> Part:
+    """Return some groups of a part alone, by a mask (G,), with their steady conditions."""
+    return dataclasses.replace(part, groups=part.groups[chosen], steady=part.steady.rows(chosen))
+
+
 def _middles(count: int, length: int) -> np.ndarray:
     """Return the places of the middles of `count` equal parts of a list (count,)."""
     places: np.ndarray = (np.arange(count) + 0.5) / count * length - 0.5
@@ -381,7 +399,8 @@ def _spread(values: np.ndarray, count: int) -> np.ndarray:
 def _likeliest(tried: np.ndarray, reached: np.ndarray, wanted: np.ndarray, budget: np.ndarray) -> np.ndarray:
     """Return which rise of the received power is the likeliest of each sweep (n,) [dB].
 
-    A line that a limit holds says little of it, since the limit's own level is to be found.
+    A line that a limit holds says little of it, since the limit's own level is to be found. A parabola through the
+    likeliest rise tried and those beside it lets the result follow a parameter without steps.
 
     Args:
         tried: rises of the received power, evenly spaced (M,) [dB].
@@ -393,7 +412,9 @@ def _likeliest(tried: np.ndarray, reached: np.ndarray, wanted: np.ndarray, budge
     std = SIMULATION.line_known + SIMULATION.limit_known * held
     unlikely = ((wanted[:, None] - reached) / std) ** 2 + 2.0 * np.log(std)
     unlikely += ((tried - budget[:, None]) / SIMULATION.budget_known) ** 2
-    return tried[np.argmin(unlikely, axis=1)]
+    least = np.clip(np.argmin(unlikely, axis=1), 1, len(tried) - 2)
+    three = np.take_along_axis(-unlikely, least[:, None] + np.arange(-1, 2), axis=1).T
+    return tried[least] + parabola_vertex(*three) * (tried[1] - tried[0])
 
 
 def _seen(effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -410,9 +431,9 @@ def _joined(each: Sequence[SweepFeatures]) -> SweepFeatures:
     return dataclasses.replace(each[0], **values)
 
 
-def _spread_of_ramp(features: SweepFeatures, copies: int) -> float:
-    """Return how far the ramps of copies lie apart, at most: by what mirror lines leak into them."""
-    return float(np.max(np.ptp(features.ramp.reshape(copies, -1), axis=0), initial=0.0))
+def _spread_of_ramp(features: SweepFeatures, copies: int, step: int) -> float:
+    """Return how far the ramps of so many copies, every `step` th, lie apart at most: by what mirror lines leak."""
+    return float(np.max(np.ptp(features.ramp.reshape(copies * step, -1)[::step], axis=0), initial=0.0))
 
 
 def _mean(features: SweepFeatures, copies: int) -> SweepFeatures:
