@@ -53,11 +53,13 @@ _reserved: collections.deque[int] = collections.deque()  # file descriptors of t
 def free_domain_id() -> int:
     """Return a ROS domain in which nobody on this machine discovers, and reserve it while its participants start.
 
+    That of the environment is left to those who start there later.
+
     Raises:
         ConfigurationError: all are taken.
     """
     for domain in random.sample(range(1, _LARGEST_DOMAIN + 1), _LARGEST_DOMAIN):
-        lock = _lock(domain)
+        lock = None if str(domain) == os.environ.get('ROS_DOMAIN_ID') else _lock(domain)
         if lock is None:
             continue
         if _is_quiet(domain):

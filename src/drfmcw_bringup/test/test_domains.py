@@ -9,7 +9,9 @@ import sys
 
 import pytest
 
+from drfmcw_bringup import graph
 from drfmcw_bringup.graph import free_domain_id, private_environment
+from drfmcw_physics.settings import ConfigurationError
 from drfmcw_ros.operation.security import uses_fast_dds
 
 PARTICIPANT = """
@@ -37,6 +39,14 @@ def test_domain_is_taken_while_any_of_its_participants_runs():
         found = [free_domain_id() for _ in range(6)]
         assert set(found) <= quiet
         assert len(set(found)) == len(found)
+
+
+def test_domain_of_the_environment_is_nobodys_own(monkeypatch):
+    """Who looks there hears nothing of a graph in a domain of its own, even if nobody has been there so far."""
+    monkeypatch.setattr(graph, '_LARGEST_DOMAIN', 1)
+    monkeypatch.setenv('ROS_DOMAIN_ID', '1')
+    with pytest.raises(ConfigurationError):
+        free_domain_id()
 
 
 @pytest.mark.skipif(not uses_fast_dds(os.environ), reason='our profile is one of Fast DDS')
