@@ -53,6 +53,7 @@ SHORTER = {
     r'simulate (config/)?crane.* --out': (r'$', ' --set pairs.0.drive.waypoints=[40,44]', '6689 sweeps'),
     r'simulate far\.yaml': (r'$', ' --set pairs.0.standing.sweeps=40', '8000 sweeps'),
     r'montecarlo': (r'( --trials \d+|$)', ' --trials 2 --jobs 1', '2000 trials at each point'),
+    r'replay \w+ --publish --rate 2': ('--rate 2', '--rate 20', 'takes half as long as the recording'),
     r'rehearse --times 200': ('200', '2', 'takes minutes'),
     r'--duration \d+': (r'--duration \d+', '--duration 6', 'records minutes'),
 }
