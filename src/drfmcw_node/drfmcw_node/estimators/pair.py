@@ -193,7 +193,7 @@ class BlockEstimator:
         _, models, bent = self._bent(records.line)
         if len(bent):
             for station, blocks, at in zip(self.stations, records.line[:, bent], coarse, strict=True):
-                steps = np.sum(blocks[:, 1:] * blocks[:, :-1].conj(), axis=-1, dtype=complex)
+                steps = (blocks[:, 1:] * blocks[:, :-1].conj()).astype(complex).sum(axis=1)
                 mean = np.angle(steps) / (2.0 * np.pi * self._size)  # cycles per sample
                 at[bent] += np.rint(mean * station.length * FINE).astype(at.dtype)
             records = self._demodulate(found, coarse)
