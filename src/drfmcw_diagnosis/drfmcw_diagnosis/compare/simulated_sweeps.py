@@ -99,19 +99,18 @@ class SimulatedSweeps:
         copies = SIMULATION.distorted if many else 4 if added else 2
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
-        simulated = functools.partial(self.copies, part, effects, swaying=swaying, turns=turns, speed=speed)
+        simulated = functools.partial(
+            self.copies, part, effects, swaying=swaying, harmonic=not effects, turns=turns, speed=speed
+        )
         # where mirror lines leaked into the sweeps simulated last, twice as many are made at once
-        twice = not many and int(part.groups[0]) in self._leaking
-        each, moved = simulated(copies * (1 + twice), harmonic=not effects)
-        if not many:
-            leaks = _spread_of_ramp(each, copies, 1 + twice) > SIMULATION.mirrored
-            if leaks and not twice:
-                self._leaking.add(int(part.groups[0]))
-                each, moved = simulated(2 * copies, harmonic=not effects)
-            elif twice and not leaks:
-                self._leaking.remove(int(part.groups[0]))
-                each, moved = simulated(copies, harmonic=not effects)
-            copies *= 1 + leaks
+        first = int(part.groups[0])
+        made = 1 + (not many and first in self._leaking)
+        each, moved = simulated(made * copies)
+        needed = 1 + (not many and _spread_of_ramp(each, copies, made) > SIMULATION.mirrored)
+        if needed != made:
+            self._leaking ^= {first}
+            each, moved = simulated(needed * copies)
+        copies *= needed
         features = _mean(each, copies)
         if np.any(moved):
             farther = moved * SPEED_OF_LIGHT / part.steady.refractive_index

@@ -193,8 +193,7 @@ class BlockEstimator:
         _, models, bent = self._bent(records.line)
         if len(bent):
             for station, blocks, at in zip(self.stations, records.line[:, bent], coarse, strict=True):
-                steps = (blocks[:, 1:] * blocks[:, :-1].conj()).astype(complex).sum(axis=1)
-                mean = np.angle(steps) / (2.0 * np.pi * self._size)  # cycles per sample
+                mean = _mean_turn(blocks) / (2.0 * np.pi * self._size)  # cycles per sample
                 at[bent] += np.rint(mean * station.length * FINE).astype(at.dtype)
             records = self._demodulate(found, coarse)
             models = self._bent(records.line)[1]
@@ -436,8 +435,13 @@ def _chirp(blocks: np.ndarray, size: int, multiple: int) -> np.ndarray:
     """Return the chirp of which `blocks` (B, K) of `size` samples have a multiple (B,) [cycles per sample^2]."""
     lag = blocks.shape[1] // 2
     beat = blocks[:, lag:] * blocks[:, :-lag].conj()
-    step = (beat[:, 1:] * beat[:, :-1].conj()).astype(complex).sum(axis=1)
-    return np.angle(step) / (2.0 * np.pi * multiple * lag * size**2)
+    return _mean_turn(beat) / (2.0 * np.pi * multiple * lag * size**2)
+
+
+def _mean_turn(values: np.ndarray) -> np.ndarray:
+    """Return by how much complex values (B, K) turn from one to the next (B,) [rad], strong ones counting more."""
+    turn: np.ndarray = np.angle((values[:, 1:] * values[:, :-1].conj()).astype(complex).sum(axis=1))
+    return turn
 
 
 def _power(values: np.ndarray) -> np.ndarray:
