@@ -13,9 +13,9 @@ from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.diagnose import main
 from drfmcw_diagnosis.engine import diagnose
 from drfmcw_diagnosis.recording.dataset import read_dataset
+from drfmcw_node.estimators.blocks import SingleEstimator
 from drfmcw_node.estimators.estimation import EstimatorSettings
 from drfmcw_node.estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from drfmcw_node.estimators.pair import SingleEstimator
 from drfmcw_physics.settings import ConfigurationError
 from drfmcw_sim.effects import Effect
 from drfmcw_sim.scenario import scenario_from_mapping

@@ -34,8 +34,9 @@ import scipy.fft
 
 from drfmcw_fusion.combination import PathDelay, combine, delay_on_true_clocks
 from drfmcw_fusion.combination import Station as Share
+from drfmcw_node.estimators.blocks import Basebands, SingleEstimator
 from drfmcw_node.estimators.estimation import Estimates, EstimatorSettings
-from drfmcw_node.estimators.pair import Basebands, PairEstimator, SingleEstimator
+from drfmcw_node.estimators.pair import PairEstimator
 from drfmcw_node.estimators.spectral import window_samples
 from drfmcw_node.processing.records import Beat
 from drfmcw_physics.constants import DECIBELS_PER_NEPER, SPEED_OF_LIGHT
