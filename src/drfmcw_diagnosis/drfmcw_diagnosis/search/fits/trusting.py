@@ -54,10 +54,8 @@ class Trusting(Templates):
         With `with_unknown`, what is set aside may be of any size, and what `count_as_noise` has found counts as noise.
         """
         directions = [self.comparison.common_errors]
-        if fitted is not None and any(e.candidate.recipe.fringes for e in fitted.effects):
-            directions.append(self._by_group(self.comparison.displaced(fitted.build()) - fitted.template))
         if fitted is not None:
-            directions += [self._by_group(x - fitted.template) for x in self.comparison.outcomes(fitted.build())]
+            directions += self._by_chance(fitted)
             directions.append(fadings(self.comparison, fitted.build()))
         if with_unknown:
             directions.append(self.set_aside)
@@ -100,6 +98,19 @@ class Trusting(Templates):
         sizes = np.linalg.solve(normal, directions @ (residual * self.whitening.weight))
         left: np.ndarray = residual - sizes @ self.set_aside
         return left
+
+    def _by_chance(self, fitted: Fitted) -> list[np.ndarray]:
+        """Return by how much templates change by what chance determines in each group by itself, (G, n) each.
+
+        Where the crane stands shows in a reflection; and random phases scatter. Distortions hardly change what that
+        does to the lines.
+        """
+        effects = [e for e in fitted.build() if not e.distorts]
+        changed = self.comparison.outcomes(effects)
+        if any(e.candidate.recipe.fringes for e in fitted.effects):
+            changed.append(self.comparison.displaced(effects))
+        template = self.comparison.template(effects) if changed else 0.0
+        return [self._by_group(other - template) for other in changed]
 
     def _by_group(self, change: np.ndarray) -> np.ndarray:
         """Return a change of a template that chance determines in each group by itself (G, n)."""
