@@ -8,14 +8,15 @@ import numpy as np
 from drfmcw_sim.effects import Effect
 
 from ..features.adc_codes import Codes, evenness
-from ..features.extractor import as_complex
+from ..features.extractor import as_complex, ramp_spectrum
 from ..features.repeating import repeating_share
+from ..features.sines import several
 from ..recording.dataset import Dataset
 from .groups import Correlated, Entries, Groups
 from .kinds import KINDS, Kind
 from .kinds.kind import Of
 from .known import Known
-from .limits import MODEL
+from .limits import MODEL, SCATTER
 from .measuring import Evidence
 from .predicting import Expected, Predictor
 from .recorded_sweeps import RecordedSweeps
@@ -205,6 +206,15 @@ class Comparison:
         altered = self._vector(Groups({kind.name: self._joined(kind, expected) for kind in self.kinds}))
         bursting = tuple(e for e in effects if e.bursts)
         return altered + self._vector(self.predict(bursting)) if bursting else altered
+
+    @functools.lru_cache(maxsize=4)  # noqa: B019 a comparison lives as long as its predictions are wanted
+    def sines(self, count: int) -> tuple[int, ...]:
+        """Return the numbers of the strongest sines of any phase that the phases of all sweeps hold, see `waves`."""
+        rows = range(len(self.channels) // 2, len(self.channels))
+        chosen = [(g, row) for g in range(len(self.members)) for row in rows]
+        terms = [ramp_spectrum(self.sweeps[g].ramp[:, row]) for g, row in chosen]
+        stds = [np.sqrt(self.std.flutter[at]) for at in chosen]
+        return several([values - values.mean(axis=0) for values in terms], stds, SCATTER.steady, count)
 
     def distances(self, effects: Sequence[Effect]) -> np.ndarray:
         """Return where effects of the reference have the crane, on average in each group (G,) [m]."""

@@ -60,6 +60,18 @@ def strongest(series: Sequence[np.ndarray], stds: Sequence[np.ndarray], first: i
     return best, float(np.minimum(over_chance[:, best], SINES.shared).mean())
 
 
+def several(series: Sequence[np.ndarray], stds: Sequence[np.ndarray], first: int, count: int) -> tuple[int, ...]:
+    """Return the numbers of as many waves, the strongest first, each found without those before it.
+
+    Arguments as for `strongest`.
+    """
+    found: list[int] = []
+    for _ in range(count):
+        found.append(strongest(series, stds, first)[0])
+        series = [without(values, std, found[-1], first) for values, std in zip(series, stds, strict=True)]
+    return tuple(found)
+
+
 def without(values: np.ndarray, std: np.ndarray, number: int, first: int) -> np.ndarray:
     """Return terms of sweeps (n, K) without a wave, of the phase and size that it has in each; arguments as above.
 

@@ -227,6 +227,9 @@ class ScanLimits:
     reflections: int = 32
     """Starting points of a reflection [1]: the fringes of different heights resemble each other; chosen."""
 
+    shown: float = 0.5
+    """Share of a wanted gain [1] that a reflection's fringes, or a line in the spectrum, must show alone; chosen."""
+
     highest: float = 1000.0
     """Product of both antennas' heights above the ground, at most [m^2]; chosen."""
 

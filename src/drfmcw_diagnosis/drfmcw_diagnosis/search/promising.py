@@ -19,7 +19,7 @@ from ..compare.comparison import Comparison
 from .fits.fitted import Fitted, FittedEffect, Freedom
 from .fits.fitting import Fitting
 from .fits.whitening import Whitening
-from .limits import SEARCH
+from .limits import SCAN, SEARCH
 from .starts.bank import Candidate, at_stations, candidates, recipes
 from .starts.scanners import resolution, starting_points
 from .starts.scanning import Rest
@@ -60,6 +60,7 @@ class Promising(Fitting):
         self.templates = np.array(shown, np.float32).reshape(len(shown), len(comparison.residual))
         self.untested = sorted({c.effect for c in bank} - {c.effect for c in self.bank})
         self._places = collections.Counter(c.key for c in self.bank)
+        comparison.sines(SCAN.peaks)  # kept: processes that scan share it
 
     def _shown(self, candidate: Candidate) -> np.ndarray | None:
         """Return the template of a candidate, None of what the recording cannot show."""
@@ -94,9 +95,9 @@ class Promising(Fitting):
         )
         return sum(self._places.values()) + sum(scanned)
 
-    def _scanned(self, residual: np.ndarray, only: str = '') -> list[Candidate]:
-        """Return the starting points that scanners find in the remainder."""
-        rest = Rest(self.comparison, residual, self.comparison.distances(self._place.effects))
+    def _scanned(self, residual: np.ndarray, only: str = '', least: float = 0.0) -> list[Candidate]:
+        """Return the starting points that scanners find in the remainder, of `only` one effect, see `_promising`."""
+        rest = Rest(self.comparison, residual, self.comparison.distances(self._place.effects), least)
         stations, receivers = self.comparison.data.stations, self.comparison.receivers
         wave = SPEED_OF_LIGHT / self.comparison.data.sweeps[0][0].center_frequency
         wanted = [
@@ -186,7 +187,12 @@ class Promising(Fitting):
         return [found[key] for key in keys]
 
     def _promising(
-        self, residual: np.ndarray, beside: Sequence[FittedEffect], freedom: Freedom | None, only: str = ''
+        self,
+        residual: np.ndarray,
+        beside: Sequence[FittedEffect],
+        freedom: Freedom | None,
+        only: str = '',
+        least: float = 0.0,
     ) -> list[tuple[float, Candidate, dict]]:
         """Return (promised gain, candidate, values) of all starting points, best first.
 
@@ -197,10 +203,10 @@ class Promising(Fitting):
             beside: effects of the present explanation.
             freedom: of the present explanation.
             only: effect that is tried, '' for all.
+            least: gain below which no starting point is wanted; scanners may leave it out.
         """
-        scanned = [
-            c for c in self._scanned(self.without_set_aside(residual), only) if self._is_other(c, c.values, beside)
-        ]
+        found = self._scanned(self.without_set_aside(residual), only, least)
+        scanned = [c for c in found if self._is_other(c, c.values, beside)]
         kept = [i for i, c in enumerate(self.bank) if only in ('', c.effect) and self._is_other(c, c.values, beside)]
         chosen = [*(self.bank[i] for i in kept), *scanned]
         weighted = self.whitening.transposed(self.whitening(residual)).astype(np.float32)
@@ -211,8 +217,8 @@ class Promising(Fitting):
         strong = np.flatnonzero(power > SEARCH.nothing**2)
         turned = [(chosen[i], _in_quadrature(chosen[i])) for i in strong if chosen[i].recipe.quadrature[0]]
         self._units(turned)  # all at once, and kept
-        found = [self._scaled(chosen[i], float(overlap[i]), float(power[i]), residual, freedom) for i in strong]
-        return sorted(found, key=lambda item: -item[0])
+        scaled = [self._scaled(chosen[i], float(overlap[i]), float(power[i]), residual, freedom) for i in strong]
+        return sorted(scaled, key=lambda item: -item[0])
 
     def _is_other(self, candidate: Candidate, values: dict[str, float], beside: Sequence[FittedEffect]) -> bool:
         """Return whether a candidate may be tried beside effects: another kind, or a resolution cell apart."""

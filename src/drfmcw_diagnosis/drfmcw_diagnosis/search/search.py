@@ -253,7 +253,7 @@ class Search(Promising):
         slopes = self.slopes(current)
         freedom = Freedom(self.whitening(slopes)) if current is not None else None
         linearised = self.linearised(current, slopes)
-        promising = self._promising(residual, current.effects if current else (), freedom)
+        promising = self._promising(residual, current.effects if current else (), freedom, least=SEARCH.least)
         chosen: dict[tuple, list] = {}
         # of those whose gain is what their size makes it: of others, refinement may leave little
         most = max((gain for gain, candidate, _ in promising if candidate.recipe.size), default=0.0)
@@ -435,7 +435,7 @@ class Search(Promising):
         residual = self.comparison.residual - rest.template
         found: list[tuple[Candidate, dict]] = []
         tried: dict[tuple, list[tuple[np.ndarray, dict[str, float]]]] = {}
-        for gain, candidate, values in self._promising(residual, rest.effects, freedom):
+        for gain, candidate, values in self._promising(residual, rest.effects, freedom, least=least):
             if gain < least or len(tried) >= SEARCH.few:
                 break
             there = tried.setdefault(candidate.key, [])

@@ -133,7 +133,7 @@ def reflections(rest: Rest, station: int, recipe: Recipe) -> Values:
         if all(np.ptp(place - other) > far for other in places):
             places.append(place)
     phasors = path_phasors(c, residual)
-    each = (_fringes(c, residual, phasors, place) for place in places)
+    each = (_fringes(c, residual, phasors, place, SCAN.shown * rest.least) for place in places)
     found = dict.fromkeys(x for alike in itertools.zip_longest(*each) for x in alike if x is not None)
     return tuple(found)[: SCAN.reflections * min(len(places), 2)]
 
@@ -144,7 +144,7 @@ def _longer_by(distance: np.ndarray, products: np.ndarray) -> np.ndarray:
     return longer
 
 
-def _fringes(c: Comparison, residual: np.ndarray, phasors: Phasors, distance: np.ndarray) -> list[float]:
+def _fringes(c: Comparison, residual: np.ndarray, phasors: Phasors, distance: np.ndarray, least: float) -> list[float]:
     """Return products of heights [m^2] whose fringes over the distances of the groups fit best, best first.
 
     Args:
@@ -152,6 +152,7 @@ def _fringes(c: Comparison, residual: np.ndarray, phasors: Phasors, distance: np
         residual: what is left of it.
         phasors: of a path, how well they fit that.
         distance: mean of each group (G,) [m].
+        least: gain that they show, at least.
     """
     carrier = c.data.sweeps[0][0].center_frequency / SPEED_OF_LIGHT
     # the product changes by R c / (2 f) from fringe to fringe, so fringes are closest at the nearest distance R
@@ -173,7 +174,8 @@ def _fringes(c: Comparison, residual: np.ndarray, phasors: Phasors, distance: np
     level = residual[c.entries.where(kind='amplitude')].reshape(std.shape) / std
     gained = correlation.sum(axis=1) + DECIBELS_PER_NEPER * turn.real @ level.sum(axis=1)
     spent = power.sum(axis=1) + DECIBELS_PER_NEPER**2 * turn.real**2 @ np.sum(1.0 / std**2, axis=1)
-    return [float(products[k]) for k in peaks(gained**2 / np.maximum(spent, 1e-30), SCAN.reflections)]
+    gain = gained**2 / np.maximum(spent, 1e-30)
+    return [float(products[k]) for k in peaks(gain, SCAN.reflections) if gain[k] >= least]
 
 
 def ripples(rest: Rest, station: int, recipe: Recipe) -> Values:

@@ -19,14 +19,13 @@ from drfmcw_physics.sweep import Role
 from drfmcw_sim.effects import Recipe
 
 from ...compare.comparison import Comparison
-from ...compare.limits import SCATTER
-from ...features.extractor import ramp_spectrum
 from ...features.limits import SPECTRUM, SURGES
-from ...features.sines import strongest, waves, without
+from ...features.sines import waves
 from ...features.surges import surge_power
 from ..limits import SCAN
 from .phasors import echoes, per_metre, reflections, ripples, sweep_resolution
 from .scanning import Rest, Scanner, Values, peaks
+from .swaying import oscillations
 
 
 def starting_points(rest: Rest, recipe: Recipe, station: int) -> list[dict[str, float]]:
@@ -74,83 +73,8 @@ def _rhythms(rest: Rest, station: int, recipe: Recipe) -> Values:
     z = residual[c.entries.where(kind='flutter')].reshape(groups, channels, count)[:, channels // 2 :].sum(axis=0)
     # each channel has a size of its own: that in which the oscillators' noise cancels shows a part of it
     gain = np.maximum(z @ power.T, 0.0) ** 2 / np.sum(power**2, axis=1)
-    found = [*_sines(c), *peaks(gain.sum(axis=0))]
+    found = [*c.sines(SCAN.peaks), *peaks(gain.sum(axis=0))]
     return tuple(float(frequency[number]) / step for number in dict.fromkeys(found))
-
-
-def _sines(c: Comparison) -> list[int]:
-    """Return the numbers of the sines of any phase that the phases of all sweeps hold, the strongest first.
-
-    Each is taken out before the next is looked for.
-    """
-    _, channels, _ = c.std.flutter.shape
-    groups = list(enumerate(c.sweeps))
-    stds = [np.sqrt(c.std.flutter[g, row]) for g, _ in groups for row in range(channels // 2, channels)]
-    terms = [ramp_spectrum(sweeps.ramp[:, row]) for _, sweeps in groups for row in range(channels // 2, channels)]
-    series = [values - values.mean(axis=0) for values in terms]
-    found: list[int] = []
-    for _ in range(SCAN.peaks):
-        found.append(strongest(series, stds, SCATTER.steady)[0])
-        pairs = zip(series, stds, strict=True)
-        series = [without(values, std, found[-1], SCATTER.steady) for values, std in pairs]
-    return found
-
-
-def _oscillations(rest: Rest, station: int, recipe: Recipe) -> Values:
-    """Return frequencies of movement about the reference's readings [Hz]."""
-    c, residual = rest.comparison, rest.residual
-    chosen = c.entries.where(kind='movement')
-    rows, group = c.entries.position[chosen], c.entries.group[chosen]
-    weight = 1.0 / c.std.movement
-    used = weight > 0.0
-    if np.count_nonzero(used) < 4:
-        return ()
-    rows, group, weight, z = rows[used], group[used], weight[used], residual[chosen][used]
-    time = c.data.time[rows]
-    step = max(0.25 / max(np.ptp(time), 1.0), SCAN.fastest_sway / (SCAN.fine * SCAN.sway_cells))
-    slowest = recipe.limits.get(recipe.scanned, (0.0,))[0]
-    frequency = np.arange(max(math.ceil(slowest / step), 1), int(SCAN.fastest_sway / step)) * step
-    members, starts, of_member, counts = np.unique(group, return_index=True, return_inverse=True, return_counts=True)
-    error, weight_of_mean = residual[c.entries.where(kind='range')][members], 1.0 / c.std.range[members]
-
-    def score(frequency: np.ndarray, with_range: bool = False) -> np.ndarray:
-        wave = np.exp(2j * math.pi * frequency[:, None] * time)
-        mean = np.add.reduceat(wave, starts, axis=1) / counts
-        wave = (wave - mean[:, of_member]) * weight  # movement is compared within its group only
-        measured = z
-        if with_range:
-            wave, measured = np.concatenate([wave, mean * weight_of_mean], axis=1), np.concatenate([z, error])
-        real, imag = wave.real, wave.imag
-        rr, ii, ri = np.sum(real * real, axis=1), np.sum(imag * imag, axis=1), np.sum(real * imag, axis=1)
-        a, b = real @ measured, imag @ measured
-        return (ii * a * a - 2.0 * ri * a * b + rr * b * b) / np.maximum(rr * ii - ri * ri, 1e-30)
-
-    coarse = np.concatenate([score(part) for part in np.array_split(frequency, -(-len(frequency) // 1024))])
-    if coarse.max() < SCAN.faint:
-        return ()
-    # with pauses between groups many frequencies fit nearly as well: compare them at their exact maxima
-    fine = np.concatenate(
-        [frequency[k] + step * np.linspace(-1.0, 1.0, SCAN.top) for k in peaks(coarse, SCAN.aliases, 1)]
-    )
-    found: list[float] = []
-    for with_range in (False, True):  # where the crane stands on average separates aliases, but errors may hide it
-        places, heights = _maxima(fine.reshape(-1, SCAN.top), score(fine, with_range).reshape(-1, SCAN.top))
-        found += [float(f) for f in places[np.argsort(heights)[::-1][: SCAN.peaks]]]
-    return tuple(dict.fromkeys(found))
-
-
-def _maxima(at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where parabolas through the largest of each row's values have their maxima (n,), and their heights (n,).
-
-    Args:
-        at: equally spaced (n, k).
-        values: there (n, k).
-    """
-    row, best = np.arange(len(values)), values.argmax(axis=1).clip(1, values.shape[1] - 2)
-    left, middle, right = (values[row, best + i] for i in (-1, 0, 1))
-    bend = np.minimum(left - 2.0 * middle + right, -1e-30)
-    offset = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
-    return at[row, best] + offset * (at[0, 1] - at[0, 0]), middle - 0.25 * (left - right) * offset
 
 
 def _suspicious(c: Comparison, residual: np.ndarray, station: int) -> bool:
@@ -323,18 +247,20 @@ def _held(c: Comparison, station: int) -> np.ndarray:
 
 def _free_lines(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return frequencies of lines in a station's IF spectrum that do not begin alike in each sweep [Hz]."""
-    c, residual = rest.comparison, rest.residual
-    return tuple(f for f in _lines(c, residual, station) if not _begins_alike(c, station, f))
+    return tuple(f for f in _lines(rest, station) if not _begins_alike(rest.comparison, station, f))
 
 
-def _lines(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ...]:
+def _lines(rest: Rest, station: int) -> tuple[float, ...]:
     """Return frequencies of lines in a station's IF spectrum [Hz]."""
+    c, residual = rest.comparison, rest.residual
     z = residual[c.entries.where(kind='lines', station=station)].reshape(len(c.members), -1)
     width = c.data.sweeps[0][0].sample_rate / 2 / (z.shape[1] - 1)
     score = z.sum(axis=0) / np.sqrt(np.maximum(np.count_nonzero(z, axis=0), 1))
-    joined = np.convolve(score, (0.5, 1.0, 0.5), 'same')  # a Hann window spreads a line over three bins
+    spread = np.array([0.5, 1.0, 0.5])  # a Hann window spreads a line over three bins
+    joined = np.convolve(score, spread, 'same')
+    least = math.sqrt(SCAN.shown * rest.least * float(spread @ spread))
     found = []
-    for k in peaks(joined, apart=2):
+    for k in (k for k in peaks(joined, apart=2) if joined[k] >= least):
         inside = np.maximum(score[max(k - 1, 0) : k + 2], 0.0)
         offset = np.average(np.arange(max(k - 1, 0), max(k - 1, 0) + len(inside)), weights=inside + 1e-12)
         found.append(float(offset * width))
@@ -343,10 +269,10 @@ def _lines(c: Comparison, residual: np.ndarray, station: int) -> tuple[float, ..
 
 def _leaked_lines(rest: Rest, station: int, recipe: Recipe) -> Values:
     """Return the delays of leakage whose lines stand in a station's IF spectrum [ns]."""
-    c, residual = rest.comparison, rest.residual
+    c = rest.comparison
     sweep = c.data.sweeps[0][c.heard[station]]
     slowest = SCAN.hann * sweep_resolution(c)  # slower, it is a constant
-    found = (f for f in _lines(c, residual, station) if f > slowest and _begins_alike(c, station, f))
+    found = (f for f in _lines(rest, station) if f > slowest and _begins_alike(c, station, f))
     return tuple(1e9 * f / abs(sweep.chirp_rate) for f in found)
 
 
@@ -383,7 +309,7 @@ SCANNERS: dict[str, Scanner] = {
     'fringes over distance': Scanner(reflections),
     'ripple': Scanner(ripples, resolution=sweep_resolution),
     'rhythm': Scanner(_rhythms, resolution=sweep_resolution),
-    'oscillation': Scanner(_oscillations),
+    'oscillation': Scanner(oscillations),
     'narrow line': Scanner(_free_lines, True, lambda c: SCAN.hann * sweep_resolution(c)),
     'line of the chirp': Scanner(_leaked_lines, True, lambda c: SCAN.hann * sweep_resolution(c)),
     'odd harmonics': Scanner(_odd_harmonics, True),

@@ -25,6 +25,7 @@ class Rest:
     comparison: Comparison
     residual: np.ndarray  # over the numbers' standard deviations (n,)
     distance: np.ndarray  # from station to station, mean of each group (G,) [m]
+    least: float = 0.0  # gain below which no starting point is wanted [1]
 
 
 @dataclasses.dataclass(frozen=True)
