@@ -170,6 +170,8 @@ class Estimator:
         """Register the estimator under its name."""
         super().__init_subclass__(**kwargs)
         ESTIMATORS[name] = cls
+        for known in sorted(ESTIMATORS):  # whichever module was imported first
+            ESTIMATORS[known] = ESTIMATORS.pop(known)
 
     def __init__(
         self,
