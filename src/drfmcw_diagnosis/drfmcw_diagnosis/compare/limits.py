@@ -262,9 +262,19 @@ class SimulationLimits:
     """How many sweeps stand for a group, and what is rounded."""
 
     distorted: int = 11
-    """Sweeps simulated per group where an effect distorts the IF, evenly over a turn, or the crane sways; derived: a
-    prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
+    """Sweeps simulated per group where an effect distorts the IF, evenly over a turn, or the crane sways fast; derived:
+    a prime number, so that harmonics that fold back near the line, with many times its phase, cancel up to the 43rd
     where the line is near a quarter of the sampling rate."""
+
+    quadrature: tuple[tuple[float, ...], ...] = (
+        (0.1875924741, 0.7946544723),
+        (0.2666354015, 0.4225186538, 0.8662468181),
+    )
+    """Places on either side of the middle at which 4 or 6 sweeps have the mean of a slow sway [half of the way];
+    derived (Chebyshev's quadrature, exact for powers up to the 5th and 7th)."""
+
+    misplaced: float = 3e-5
+    """Error of the mean distance with so few [m], from which on more are tried; chosen: a range has 1e-3."""
 
     mirrored: float = 0.03
     """Change of the ramp by the line's phase [Np, rad], from which on a mean is that of twice as many sweeps: the

@@ -95,12 +95,14 @@ class SimulatedSweeps:
         received = [e for e in effects if ActsOn.SAMPLES in e.acts_on and e.station in heard]
         added = any(effect.stage <= Stage.FILTER for effect in received)
         speed = self.drive(part, effects)
-        many = distorting or swaying or speed is not None
-        copies = SIMULATION.distorted if many else 4 if added else 2
+        many = distorting or speed is not None
+        places = 0 if not swaying else SIMULATION.distorted if many else self._places(part, effects)
+        many |= places == SIMULATION.distorted
+        copies = SIMULATION.distorted if many else places or (4 if added else 2)
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
         simulated = functools.partial(
-            self.copies, part, effects, swaying=swaying, harmonic=not effects, turns=turns, speed=speed
+            self.copies, part, effects, places=places, harmonic=not effects, turns=turns, speed=speed
         )
         # where mirror lines leaked into the sweeps simulated last, twice as many are made at once
         first = int(part.groups[0])
@@ -161,25 +163,24 @@ class SimulatedSweeps:
         part: Part,
         effects: Sequence[Effect],
         copies: int,
-        swaying: bool = False,
+        places: int = 0,
         harmonic: bool = False,
         turns: float = 0.5,
         speed: np.ndarray | None = None,
     ) -> tuple[SweepFeatures, np.ndarray]:
         """Return features of sweeps, their phases evenly over so many turns, and the delay added to them (G,).
 
-        Those of a drive lie all along its way, if its speed is given (G,) [m/s].
+        Where the crane sways, they are at so many `places` of it. Those of a drive lie all along its way, if its speed
+        is given (G,) [m/s].
         """
         count = len(part.groups)
         rows = part.steady.rows(np.tile(np.arange(count), copies))
         rows.initial_phase[0] += np.repeat(np.arange(copies) * (turns / copies), count)
-        # a group's mean is that over its time, in which a crane may swing far
-        times = np.stack([self._times(g, copies) for g in part.groups], axis=1)
-        if swaying:
-            rows.time += times.ravel()
+        if places:  # a group's mean is that over its time, in which a crane may swing far
+            rows.time += np.resize(self._times(part, places), (copies, count)).ravel()
         if speed is not None:
-            move(rows, (times * speed).ravel())
-        elsewhere, alone = swaying or speed is not None, self._recorded.topology.hears_itself
+            move(rows, (self._times(part, copies) * speed).ravel())
+        elsewhere, alone = places > 0 or speed is not None, self._recorded.topology.hears_itself
         if elsewhere and not alone:
             moved = in_phase(part, rows, copies, effects)
         else:
@@ -349,10 +350,39 @@ class SimulatedSweeps:
                 found[heard] += np.float32(weight) * samples
         return tuple(found)
 
-    def _times(self, group: int, count: int) -> np.ndarray:
-        """Return times spread over a group's sweeps, from their mean [s] (count,)."""
+    def _places(self, part: Part, effects: Sequence[Effect]) -> int:
+        """Return at how many places of a sway to simulate sweeps: the fewest that have the mean of all, or nearly."""
+        counts = [len(self._recorded.members[g]) for g in part.groups]
+        number = np.repeat(np.arange(len(counts)), counts)
+        time = np.concatenate([self._time(g) for g in part.groups])
+        first = np.cumsum([0, *counts[:-1]])
+        mean = np.add.reduceat(self._way(part, effects, number, time), first) / counts
+        errors = {}
+        for places in (*(2 * len(half) for half in SIMULATION.quadrature), SIMULATION.distorted):
+            at = self._times(part, places)
+            way = self._way(part, effects, np.tile(np.arange(len(counts)), places), at.ravel())
+            errors[places] = np.abs(way.reshape(places, -1).mean(axis=0) - mean).max()
+            if errors[places] < SIMULATION.misplaced:
+                break
+        return min(errors, key=errors.__getitem__)
+
+    def _way(self, part: Part, effects: Sequence[Effect], group: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return how far groups are by their numbers at times from their mean (n,) [m]."""
+        rows = part.steady.rows(group)
+        rows.time += time
+        state = acted(dataclasses.replace(part, steady=rows), effects)
+        way: np.ndarray = state.paths[0].delay * SPEED_OF_LIGHT
+        return way
+
+    def _time(self, group: int) -> np.ndarray:
+        """Return times of a group's sweeps, from their mean [s]."""
         time = self._recorded.data.time[self._recorded.members[group]]
-        return np.interp(_middles(count, len(time)), np.arange(len(time)), time) - time.mean()
+        return np.asarray(time - time.mean())
+
+    def _times(self, part: Part, count: int) -> np.ndarray:
+        """Return times spread over each group's sweeps, from their mean [s] (count, G)."""
+        each = (self._time(g) for g in part.groups)
+        return np.stack([np.interp(_spread_evenly(count, len(t)), np.arange(len(t)), t) for t in each], axis=1)
 
     def _amplitudes(self, part: Part, count: int, free: bool = False) -> np.ndarray:
         """Return amplitudes that stand for those of a part's sweeps (count, G, S), in rising order [dB of 1 LSB].
@@ -388,6 +418,19 @@ def _middles(count: int, length: int) -> np.ndarray:
     """Return the places of the middles of `count` equal parts of a list (count,)."""
     places: np.ndarray = (np.arange(count) + 0.5) / count * length - 0.5
     return places
+
+
+def _spread_evenly(count: int, length: int) -> np.ndarray:
+    """Return places in a list (count,) at which the mean of a smooth course is nearly that of all.
+
+    Those of Chebyshev's quadrature where there are few, else the middles of equal parts. A quadrature's mean square,
+    1/3, is brought to that of all places.
+    """
+    for half in map(np.array, SIMULATION.quadrature):
+        if count == 2 * len(half):
+            places: np.ndarray = 0.5 * (length - 1) + 0.5 * np.sqrt(length**2 - 1.0) * np.array([*-half[::-1], *half])
+            return places
+    return _middles(count, length)
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:

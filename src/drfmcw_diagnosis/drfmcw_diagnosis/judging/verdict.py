@@ -78,7 +78,8 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
         if current is None:
             left = _significant(search, None, false_alarm_rate)
             return Judgement('unexplained', None, [], [], significance, left)
-        exchanged = [*search.exchanges(current), *united_with(search, current, false_alarm_rate)]
+        current, exchanged = _at_best_places(search, current)
+        exchanged += united_with(search, current, false_alarm_rate)
         alternatives = [f for f in rivals(search, current, exchanged) if all(s.stands for s in standings(search, f))]
         current, alternatives = _at_their_stations(search, current, alternatives)
         current = widened(current, exchanged)
@@ -92,6 +93,23 @@ def judged(search: Search, found: Found, false_alarm_rate: float) -> Judgement:
     verdict = 'ambiguous' if alternatives else 'explained'
     current, alternatives = _fewest_kinds_first(current, alternatives, found.exchanged)
     return Judgement(verdict, current, alternatives, found.exchanged, significance, left)
+
+
+def _at_best_places(search: Search, current: Fitted) -> tuple[Fitted, list[Fitted]]:
+    """Return an explanation with the same effects where they fit best and stand, and it with one of them exchanged.
+
+    An alias of a sway stands, too, as long as nobody asks for another one beside the effects that were found after it.
+    """
+    exchanged = search.exchanges(current)
+    elsewhere = (f for f in exchanged if (f.keys, f.free) == (current.keys, current.free))
+    best = next(elsewhere, None)  # they are sorted
+    if best is None or best.evidence < current.evidence + SELECTION.better:
+        return current, exchanged
+    best = search.trusted(best)
+    if not all(one.stands for one in standings(search, best)):
+        search.trust(current)  # to which it is fitted
+        return current, exchanged
+    return best, search.exchanges(best)
 
 
 def _fewest_kinds_first(

@@ -160,6 +160,9 @@ class SelectionLimits:
     """Share of a remainder that one more effect must explain, where the remainder is far beyond chance and two effects
     are there already [1]; chosen: what explains less imitates a part of something unknown."""
 
+    nearly: float = 0.9
+    """Share of the gain of an effect with lookalikes at which one of one parameter is added before it [1]; chosen."""
+
     beyond: float = 4.0
     """Misfit per number from which on a remainder is far beyond chance [1]; chosen."""
 

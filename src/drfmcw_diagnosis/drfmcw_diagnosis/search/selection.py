@@ -219,7 +219,7 @@ def forward(
             current = search.again(current)
         ranked = search.best_addition(current)
         beside = current.template if current is not None else 0.0
-        best = next((f for f in ranked if search.credible(f, beside)), None)
+        best = _best(search, [f for f in ranked if search.credible(f, beside)], search.misfit(beside))
         if events.set_aside(search, current, best):
             continue
         rounds.append(ranked)
@@ -244,6 +244,27 @@ def forward(
             break
         current = _bent(search, _relocated(search, ranked, best, beside))
     return current, significance, rounds
+
+
+def _best(search: Search, ranked: list[Fitted], before: float) -> Fitted | None:
+    """Return the explanation with one more effect from which the search goes on, None of none.
+
+    A sway at one of its aliases may follow most of what an offset does, beside which it would be at its own place. So
+    an effect of one parameter that gains nearly as much comes first, as long as much more is left.
+
+    Args:
+        search: prepared.
+        ranked: explanations with one more effect, best first.
+        before: misfit without it.
+    """
+    if not ranked:
+        return None
+    best = ranked[0]
+    if not (best.effects[-1].candidate.recipe.lookalikes and _far_beyond_chance(search, best.misfit)):
+        return best
+    nearly = SELECTION.nearly * (before - best.misfit)
+    simple = (f for f in ranked if len(f.effects[-1].candidate.free) == 1 and before - f.misfit > nearly)
+    return next(simple, best)
 
 
 def _relocated(search: Search, ranked: list[Fitted], best: Fitted, beside: np.ndarray | float) -> Fitted:

@@ -9,6 +9,7 @@ from drfmcw_diagnosis.compare.kinds.path import unwrapped
 from drfmcw_diagnosis.recording.dataset import read_dataset
 from drfmcw_diagnosis.search.search import Search
 from drfmcw_diagnosis.search.starts.bank import Candidate
+from drfmcw_fusion.tracking import doppler_range_rate
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import Effect
 
@@ -44,6 +45,20 @@ def test_a_phase_is_counted_over_a_missing_sweep_of_a_sway():
     phase = 2.0 * np.pi * 4.8 * np.sin(2.0 * np.pi * 0.373 * (time + 0.25))
     found = unwrapped(np.angle(np.exp(1j * phase)), time)
     assert found - found[0] == pytest.approx(phase - phase[0], abs=1e-9)
+
+
+@pytest.mark.parametrize('turns', [0.1, 0.3, 0.6, 1.0])
+def test_few_sweeps_stand_for_a_sway(turns):
+    """The mean of few places and velocities is that of all sweeps of a group within 0.1 mm of 130."""
+    comparison = Comparison(read_dataset(DATA / 'recording_0'))
+    time = [comparison.data.time[m] for m in comparison.members]
+    amplitude, rate, phase = 0.13, 2.0 * np.pi * turns / max(map(np.ptp, time)), 0.7
+    sway = Effect.registry['sway'](amplitude=amplitude, frequency=rate / (2.0 * np.pi), phase=phase)
+    shown = comparison.template([sway])[comparison.entries.where(kind='range')] * comparison.std.range
+    sweep = comparison.parts[0].extract.sweeps[0]
+    doppler = doppler_range_rate(sweep.center_frequency, sweep.chirp_rate, 0.5 * sweep.ramp_duration)
+    way = [np.mean(np.sin(rate * t + phase) + doppler * rate * np.cos(rate * t + phase)) for t in time]
+    assert shown == pytest.approx(amplitude * np.array(way), abs=1e-4)
 
 
 def test_a_reflection_is_sought_where_a_sway_has_the_crane():
