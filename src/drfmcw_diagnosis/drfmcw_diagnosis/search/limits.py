@@ -221,6 +221,9 @@ class ScanLimits:
     top: int = 17
     """Points around each of them [1]; chosen."""
 
+    compared: int = 24
+    """Maxima that are refined once more before the highest ones count [1]; chosen: gains of aliases differ by 1e-6."""
+
     surges: tuple[float, ...] = (1.0, 2.0, 4.0)
     """Standard deviations beyond those of a steady sweep to which bursts raise the power; chosen."""
 

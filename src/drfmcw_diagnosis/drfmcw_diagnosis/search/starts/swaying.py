@@ -88,11 +88,13 @@ def oscillations(rest: Rest, station: int, recipe: Recipe) -> Values:
     # with pauses between groups many frequencies fit nearly as well: compare them at their exact maxima
     about = frequency[peaks(coarse, SCAN.aliases, 1)]
     beside = step * np.linspace(-1.0, 1.0, SCAN.top)
+    closer = 2.0 * beside / (SCAN.top - 1)
     found: list[float] = []
     # where the crane stands on average separates aliases, but errors may hide it
-    for gains in swaying.gains(about, beside):
-        places, heights = _maxima(about[:, None] + beside, gains)
-        found += [float(f) for f in places[np.argsort(heights)[::-1][: SCAN.peaks]]]
+    for number, gains in enumerate(swaying.gains(about, beside)):
+        near = _highest(about, beside, gains, SCAN.compared)
+        places = _highest(near, closer, swaying.gains(near, closer)[number], SCAN.peaks)
+        found += places.tolist()
     return tuple(dict.fromkeys(found))
 
 
@@ -116,15 +118,19 @@ def _swaying(c: Comparison, residual: np.ndarray) -> Swaying | None:
     )
 
 
-def _maxima(at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where parabolas through the largest of each row's values have their maxima (n,), and their heights (n,).
+def _highest(about: np.ndarray, beside: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Return where parabolas through the largest of each row's values have the highest maxima, highest first (count,).
 
     Args:
-        at: equally spaced (n, k).
+        about: middle of each row (n,).
+        beside: equally spaced places about it (k,).
         values: there (n, k).
+        count: maxima that are wanted.
     """
     row, best = np.arange(len(values)), values.argmax(axis=1).clip(1, values.shape[1] - 2)
     left, middle, right = (values[row, best + i] for i in (-1, 0, 1))
     bend = np.minimum(left - 2.0 * middle + right, -1e-30)
     offset = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
-    return at[row, best] + offset * (at[0, 1] - at[0, 0]), middle - 0.25 * (left - right) * offset
+    highest = np.argsort(middle - 0.25 * (left - right) * offset)[::-1][:count]
+    places: np.ndarray = (about + beside[best] + offset * (beside[1] - beside[0]))[highest]
+    return places
