@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..search.bent_ramps import may_look_alike
 from ..search.fits.fitted import Fitted, FittedEffect
 from ..search.limits import RIVALS, SEARCH
 from ..search.search import Search
@@ -41,18 +42,12 @@ def rivals(search: Search, fitted: Fitted, exchanged: Sequence[Fitted]) -> list[
 
 
 def _may_resemble(other: Fitted, fitted: Fitted) -> bool:
-    """Return whether an effect of many coefficients may by chance look like the effect in whose place it stands.
-
-    As strong as that, it has a part beyond the noise in each further coefficient, unless chance makes it small.
-    """
+    """Return whether an effect of many coefficients may by chance look like the effect in whose place it stands."""
     if len(other.effects) > len(fitted.effects) or not any(e.candidate.recipe.coefficients for e in other.effects):
         return False
-    further = other.freedom - fitted.freedom
     replaced = [e for e in fitted.effects if e.key not in other.keys and e.size_std > 0.0]
-    if not replaced:  # one of many coefficients, too: their evidence decides
-        return False
-    strength = max(1.0, *(abs(e.values[e.candidate.recipe.size]) / e.size_std for e in replaced))
-    return bool(strength**-further > RIVALS.resembling)
+    # without any it is one of many coefficients, too: their evidence decides
+    return bool(replaced) and may_look_alike(replaced, other.freedom - fitted.freedom)
 
 
 def widened(fitted: Fitted, exchanged: Sequence[Fitted]) -> Fitted:

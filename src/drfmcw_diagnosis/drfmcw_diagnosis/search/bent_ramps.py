@@ -11,8 +11,8 @@ import numpy as np
 
 from drfmcw_sim.effects import Effect
 
-from .fits.fitted import Fitted, Linearised
-from .limits import SEARCH
+from .fits.fitted import Fitted, FittedEffect, Linearised
+from .limits import RIVALS, SEARCH
 from .search import Search
 from .starts.bank import Candidate, of_coefficients
 from .starts.bent import bent_as
@@ -59,6 +59,25 @@ def _places(search: Search, fitted: Fitted | None, fewest: int) -> list[tuple[tu
             if len(replaced) >= fewest:
                 found.setdefault((*candidate.key, replaced), (replaced, []))[1].append(candidate)
     return list(found.values())
+
+
+def may_look_alike(replaced: Sequence[FittedEffect], further: int) -> bool:
+    """Return whether an effect with so many further coefficients may by chance look like those that it replaces.
+
+    As strong as they are, it has a part beyond the noise in each further coefficient, unless chance makes it small.
+    """
+    strengths = (abs(e.values[e.candidate.recipe.size]) / e.size_std for e in replaced if e.size_std > 0.0)
+    return bool(max(1.0, *strengths) ** -further > RIVALS.resembling)
+
+
+def bends_as_it_must(search: Search, fitted: Fitted) -> bool:
+    """Return whether one effect alone shapes a chirp, which no bent ramp resembles by chance."""
+    shaping = [e for e in fitted.effects if e.candidate.kind.shapes_chirp]
+    bent = list(of_coefficients(search.comparison.data.stations, search.left_out))
+    if len(shaping) != 1 or not bent or shaping[0].candidate.recipe.coefficients:
+        return False
+    fewest = min(len(c.free) for c in bent)
+    return not may_look_alike(shaping, fewest - len(shaping[0].candidate.free))
 
 
 @dataclasses.dataclass(frozen=True)

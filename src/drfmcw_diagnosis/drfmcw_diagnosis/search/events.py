@@ -97,8 +97,16 @@ def beyond_events(fitting: Fitting, fitted: Fitted) -> list[float]:
         beside = Freedom(np.delete(slopes, own, axis=0))
         unexplained = beside.left(rest + added)
         gain = float(unexplained @ unexplained - rest @ rest)
-        best = max(event.gain for event in _events(fitting, whitening, unexplained, beside))
-        found.append(gain - best - LIMITS.parameter * max(own.stop - own.start - LIMITS.of_event, 0))
+        best = max(_events(fitting, whitening, unexplained, beside), key=lambda event: event.gain)
+        further = max(own.stop - own.start - LIMITS.of_event, 0)
+        if not fitted.effects[number].candidate.recipe.coefficients:
+            found.append(gain - best.gain - LIMITS.parameter * further)
+            continue
+        # what follows a smooth event better than a step or a bump does not bend as it does about its middle
+        directions = beside.left(whitening(_directions(fitting, best)))
+        left_by_event = Freedom(directions).left(unexplained)
+        by_event = float(unexplained @ unexplained - left_by_event @ left_by_event)
+        found.append(gain - by_event - LIMITS.parameter * (own.stop - own.start - len(directions)))
     return found
 
 

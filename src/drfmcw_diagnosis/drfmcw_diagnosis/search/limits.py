@@ -104,6 +104,9 @@ class SearchLimits:
     hopeless_elsewhere: float = 0.05
     """The same of an effect of the same kind with other values: the others need not change much; chosen."""
 
+    behind_elsewhere: float = 0.2
+    """Share of what the best place gains or loses by which another one may then be behind it; chosen."""
+
     returned: float = 0.01
     """Squared distance of the substitute from the explanation over that gain [1], below which they are the same;
     chosen."""

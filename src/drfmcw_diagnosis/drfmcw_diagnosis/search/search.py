@@ -153,12 +153,8 @@ class Search(Promising):
         goal = self.misfit(rest.template) - fitted.misfit
         added = self._added(fitted, number, rest, freedom)
 
-        def refined(point: tuple) -> Fitted | None:
-            alone = self._alone(point, rest, freedom, added, goal)
-            if alone is None:
-                return None
-            start = [*rest.start[:number], *alone.start, *rest.start[number:]]
-            return self._finished(start, fitted, goal)
+        def finished(alone: Fitted) -> Fitted | None:
+            return self._finished([*rest.start[:number], *alone.start, *rest.start[number:]], fitted, goal)
 
         with self.amid(rest):
             promising = self._promising(residual, rest.effects, freedom, candidate.effect)
@@ -167,7 +163,13 @@ class Search(Promising):
                 # of one place, the best start is enough
                 if not candidate.recipe.lookalikes or all(_is_elsewhere(candidate, values, v) for v in begun):
                     begun.append(values)
-            refits = self.workers.map(refined, [(candidate, values) for values in begun[: SEARCH.fringes]])
+            points = [(candidate, values) for values in begun[: SEARCH.fringes]]
+            tried = self.workers.map(lambda point: self._alone(point, rest, freedom, added, goal), points)
+            alone = sorted((f for f in tried if f is not None), key=lambda f: f.misfit)
+            # the others hardly do more in the end than they do to first order
+            behind = SEARCH.behind_elsewhere * abs(alone[0].misfit - added.misfit) if alone else 0.0
+            worth = (f for f in alone if f.misfit - alone[0].misfit < max(SEARCH.far * SEARCH.rival, behind))
+            refits = self.workers.map(finished, list(worth))
         fits = [f for f in refits if f is not None]
         best = min(fits, key=lambda f: f.misfit, default=fitted)
         return best if best.certain and best.misfit < fitted.misfit - SEARCH.same else fitted

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from . import events, path_sets
-from .bent_ramps import unified
+from .bent_ramps import bends_as_it_must, unified
 from .fits.fitted import Fitted, Linearised
 from .leftovers import leftovers
 from .limits import SEARCH, SELECTION
@@ -126,11 +126,14 @@ def _bent_alone(
 def united_with(search: Search, current: Fitted | None, false_alarm_rate: float) -> list[Fitted]:
     """Return explanations with one bent ramp in the place of effects that shape a chirp, best first.
 
-    Also beside all effects, where more of the ramp is left than by chance: no simple effect need resemble it.
+    Also beside all effects, where more of the ramp is left than by chance: no simple effect need resemble it. None
+    where nothing of it is left, and the only effect that shapes a chirp is too strong to look like one by chance.
     """
+    left = any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
+    if current is not None and not left and not len(search.set_aside) and bends_as_it_must(search, current):
+        return []
     room = current is None or len(current.effects) < SELECTION.most
-    beside = room and any(x.kind == 'ramp' and x.probability < false_alarm_rate for x in leftovers(search, current))
-    return unified(search, current, 0 if beside else 1)
+    return unified(search, current, 0 if room and left else 1)
 
 
 def better_bent(search: Search, current: Fitted | None, united: list[Fitted], false_alarm_rate: float) -> Fitted | None:
