@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 import scipy.fft
 from checkout import DATA
+from scipy import special
 
 from drfmcw_diagnosis.compare.comparison import Comparison
+from drfmcw_diagnosis.compare.over_sweep import over_sweep
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.events import left
+from drfmcw_diagnosis.search.events import LIMITS, beyond_events, left
 from drfmcw_diagnosis.search.fits.fitting import Fitting
+from drfmcw_diagnosis.search.starts.bank import of_coefficients
 from drfmcw_physics.constants import SPEED_OF_LIGHT
+from drfmcw_sim.effects import Effect
 
 
 @pytest.fixture(scope='module')
@@ -98,3 +102,22 @@ def test_a_jump_of_the_phases_shifts_the_lines_that_hold_it(data, channel, shift
     )
     assert after[shifted] < 0.7 * before[shifted]
     assert after[unshifted] == pytest.approx(before[unshifted], rel=0.05)
+
+
+@pytest.mark.parametrize('width', [1.4, 3.0])
+def test_a_bent_ramp_is_told_from_an_event(data, width):
+    """Twelve coefficients follow much of a glitch of the ramp, and all of what is bent smoothly; free of noise."""
+    comparison = Comparison(data)
+    many = max(of_coefficients(data.stations), key=lambda c: len(c.free))
+    block = np.arange(comparison.std['ramp'].shape[2])
+    glitch = special.ndtr((block - 0.3 * len(block)) / width)
+    bent = 1.0 + 2e-5 * np.cos(np.linspace(0.0, 2.0 * np.pi, len(many.free)))
+    jumped = over_sweep(comparison, glitch, np.ones(len(comparison.members)), {2: 1.0})
+    smooth = comparison.template([Effect.registry[many.effect](station=many.station, relative_rate=tuple(bent))])
+    beyond = []
+    for residual in (jumped, smooth):
+        comparison.residual = residual
+        fitting = Fitting(comparison)
+        beyond += beyond_events(fitting, fitting.fit([(many, many.values)], exact=True))
+    assert beyond[0] < LIMITS.beaten
+    assert beyond[1] > 0.0
