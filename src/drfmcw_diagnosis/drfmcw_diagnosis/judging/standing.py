@@ -18,7 +18,7 @@ show more than the range is in doubt where much is left of the range as measured
 from the reference, too. What range and beat frequency alone show is in doubt where a step explains as much.
 
 What is set aside is known to first order only. So an effect that shows in the same numbers, and explains less than a
-ten-thousandth of what that does, is in doubt.
+thousandth of what that does, is in doubt; nor does the search add it.
 
 Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
 something unknown has.
@@ -51,7 +51,7 @@ from ..compare.limits import MODEL
 from ..compare.steadiness import LIMITS as STEADINESS
 from ..compare.steadiness import odds_of_one_size
 from ..search.events import LIMITS as EVENTS
-from ..search.events import beyond_events
+from ..search.events import beyond_events, over_set_aside
 from ..search.fits.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
 from ..search.fits.fitting import Fitting
 from .curves import LIMITS as CURVES
@@ -91,7 +91,6 @@ class StandingLimits:
     course: float = 0.5  # shift of the range by the rest of the phases over an effect's change of it, at most [1]
     unexplained: float = 0.5  # rest of a receiver's amplitude over an effect's change of its noise, at most [1]
     uneven_power: float = 0.5  # rest of the amplitude over the sweep over an effect's change of the power, at most [1]
-    faint: float = 1e-4  # gain over what is set aside of the same numbers explains, at least [1]
     repeated: float = 0.3  # share of what an effect adds to the noise that repeats in each sweep, at most [1]
     multiples: float = 0.005  # rest of the spectrum at multiples of a line over what the line explains, at most [1]
     determined: float = 0.01  # least share of the information on a parameter that other parts must have [1]
@@ -160,7 +159,7 @@ class Standing:
             and self.drifting < LIMITS.drifting
             and not self.is_harmonic
             and self.inflated < LIMITS.inflated
-            and self.over_aside > LIMITS.faint
+            and self.over_aside > EVENTS.faint
             and not self.is_cancelled
             and not self.is_event
             and not self.is_path
@@ -223,10 +222,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     drifts = drifting(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest, as_it_is) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
-    aside = np.any(fitting.set_aside != 0.0, axis=0)
     of_limits = fitting.comparison.rows_of_kinds(lambda kind: kind.unmistakable)
     unmistakable = of_limits[~converters[of_limits]]
-    by_aside = float(np.sum(as_left**2) - left_over @ left_over)
     found = []
     for number, own in enumerate(fitted.spans):
         alone = fitting.added_beside(fitted, number)
@@ -255,7 +252,6 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
         if of_reference and len(fitting.set_aside) and 2.0 * in_range < float(measured @ measured):
             shown = as_it_is(alone)[of_range]
             left = max(left, excess(as_left[of_range]) / max(float(shown @ shown), 1e-30))
-        beside_aside = aside.any() and 2.0 * float(measured[aside] @ measured[aside]) > float(measured @ measured)
         # a group holds few bursts, so each part of the numbers knows their size to that only; numbers of all groups
         # together, of spans and of windows of several lengths, confirm each other where little is left of them
         doubt = MODEL.bursts**2 if bursts else 0.0
@@ -279,7 +275,6 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 repeated=repeated_noise(fitting, fitted.effects[number], alone),
                 multiples=left_at_multiples(fitting, fitted.effects[number], left_over, measured),
                 inflated=inflations[number],
-                over_aside=standing.gain / max(by_aside, 1e-30) if beside_aside else np.inf,
                 cancelled=cancelled[number],
                 beyond_event=beyond[number],
                 beyond_path=paths[number],
@@ -289,7 +284,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 is_harmonic=periodic[number],
             )
         )
-    return found
+    over_aside = over_set_aside(fitting, fitted, {number: one.gain for number, one in enumerate(found)})
+    return [dataclasses.replace(one, over_aside=x) for one, x in zip(found, over_aside, strict=True)]
 
 
 def uneven(fitting: Fitting, fitted: Fitted) -> list[bool]:

@@ -70,6 +70,10 @@ class EventLimits:
     adequate: float = 1e-3
     """Gain over what an explanation explains [1], below which an event may be its inaccuracy; as of a remainder."""
 
+    faint: float = 1e-3
+    """Gain of an effect over what is set aside of the same numbers explains, from which on it counts [1]; chosen: that
+    is known to first order only."""
+
     prior: float = 30.0
     """Standard deviation of the size of an event that is set aside, over the size found [1]; chosen: any size."""
 
@@ -169,6 +173,29 @@ def _gain_of_curve(fitting: Fitting, whitening: Whitening, rest: np.ndarray, bes
     own = np.array([beside.left(whitening(curve)) for curve in curves])
     along = own @ rest
     return float(along @ scaled_inverse(own @ own.T) @ along)
+
+
+def over_set_aside(fitting: Fitting, fitted: Fitted, gains: Mapping[int, float]) -> list[float]:
+    """Return gains of effects over what is set aside explains, infinity of effects that show in other numbers.
+
+    Args:
+        fitting: of the recording.
+        fitted: the explanation.
+        gains: by the effect's number in it.
+    """
+    aside = np.any(fitting.set_aside != 0.0, axis=0)
+    if not aside.any():
+        return [np.inf] * len(gains)
+    as_it_is = fitting.whitening_of(fitted, with_unknown=False)
+    as_measured = as_it_is.beside(fitting.set_aside)
+    residual = fitting.comparison.residual - fitted.template
+    explained = float(np.sum(as_it_is(residual) ** 2) - np.sum(as_measured(residual) ** 2))
+    found = []
+    for number, gain in gains.items():
+        added = as_measured(fitting.added_beside(fitted, number))
+        beside = 2.0 * float(added[aside] @ added[aside]) > float(added @ added)
+        found.append(gain / max(explained, 1e-30) if beside else np.inf)
+    return found
 
 
 def set_aside(fitting: Fitting, fitted: Fitted | None, further: Fitted | None) -> bool:

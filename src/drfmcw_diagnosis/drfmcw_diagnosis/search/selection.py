@@ -222,7 +222,8 @@ def forward(
             current = search.again(current)
         ranked = search.best_addition(current)
         beside = current.template if current is not None else 0.0
-        best = _best(search, [f for f in ranked if search.credible(f, beside)], search.misfit(beside))
+        before = current.misfit if current is not None else search.misfit(0.0)
+        best = _best(search, [f for f in ranked if search.credible(f, beside) and _counts(search, f, before)], before)
         if events.set_aside(search, current, best):
             continue
         rounds.append(ranked)
@@ -233,7 +234,6 @@ def forward(
             continue
         if best is None:
             break
-        before = current.misfit if current else search.misfit(0.0)
         added = best.effects[-1]
         gain = before - best.misfit - search.imitated(added, current, best)
         chance = search.probability(gain, len(added.candidate.free), added.key)
@@ -247,6 +247,12 @@ def forward(
             break
         current = _bent(search, _relocated(search, ranked, best, beside))
     return current, significance, rounds
+
+
+def _counts(search: Search, more: Fitted, before: float) -> bool:
+    """Return whether an explanation's last effect gains enough over the misfit before, beside what is set aside."""
+    (share,) = events.over_set_aside(search, more, {len(more.effects) - 1: before - more.misfit})
+    return share > events.LIMITS.faint
 
 
 def _best(search: Search, ranked: list[Fitted], before: float) -> Fitted | None:
