@@ -105,7 +105,7 @@ def test_a_jump_of_the_phases_shifts_the_lines_that_hold_it(data, channel, shift
 
 
 @pytest.mark.parametrize('width', [1.4, 3.0])
-def test_a_bent_ramp_is_told_from_an_event(data, width):
+def test_a_bent_ramp_is_separated_from_an_event(data, width):
     """Twelve coefficients follow much of a glitch of the ramp, and all of what is bent smoothly; free of noise."""
     comparison = Comparison(data)
     many = max(of_coefficients(data.stations), key=lambda c: len(c.free))

@@ -100,7 +100,7 @@ def test_a_sway_gains_what_least_squares_make_of_it():
 
 
 @pytest.mark.parametrize('frequency', [0.2407, 0.64, 0.8517, 1.1])
-def test_a_sway_is_told_from_its_aliases(frequency):
+def test_a_sway_is_separated_from_its_aliases(frequency):
     """In data without noise: it comes first, although others a turn per pause off gain as much within 0.1 %."""
     comparison = Comparison(read_dataset(DATA / 'recording_0'))
     comparison.residual = comparison.template([Effect.registry['sway'](amplitude=0.13, frequency=frequency, phase=0.3)])

@@ -20,6 +20,7 @@ BLOCKS = range(24, 41)
 """Lengths of a block that are tried [samples]."""
 
 _CLEAR = 0.7  # share of the blocks' power in their tone, above which the chirp is beyond doubt
+_ROUNDS = 3  # of mirror line and constant against a line whose chirp is not known
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,16 +164,9 @@ class BlockEstimator:
     def _resolve(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, Lines]:
         """Return coarse frequencies of each station, blocks free of leakage, residual chirp and lines."""
         coarse, records, models = self._begun(found)
-        lines = records.without_leakage(models.blocks)
-        chirp, models, _ = self._bent(lines)
-        if self._chirp_known:
-            return coarse, lines, chirp, models
-        lines = records.without_leakage(models.blocks)
-        chirp, models, bent = self._bent(lines)
-        if len(bent):  # a tone is known by now; the blocks of what is none still hold a part of what leaked
-            lines[:, bent] = records.without_leakage(models.blocks)[:, bent]
-            chirp[bent], again, _ = self._bent(lines[:, bent])
-            models.frequency[:, bent], models.amplitude[:, bent] = again.frequency, again.amplitude
+        for _ in range(1 if self._chirp_known else _ROUNDS):
+            lines = records.without_leakage(models.blocks)
+            chirp, models, _ = self._bent(lines)
         return coarse, lines, chirp, models
 
     def _begun(self, found: Sequence[Sweeps]) -> tuple[list[np.ndarray], _Demodulated, Lines]:
