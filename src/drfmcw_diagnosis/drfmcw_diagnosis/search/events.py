@@ -106,7 +106,7 @@ def beyond_events(fitting: Fitting, fitted: Fitted) -> list[float]:
         if not fitted.effects[number].candidate.recipe.coefficients:
             found.append(gain - best.gain - LIMITS.parameter * further)
             continue
-        # what follows a smooth event better than a step or a bump does not bend as it does about its middle
+        # many coefficients may follow an event better than one step or bump does: it has all of its freedom then
         directions = beside.left(whitening(_directions(fitting, best)))
         left_by_event = Freedom(directions).left(unexplained)
         by_event = float(unexplained @ unexplained - left_by_event @ left_by_event)

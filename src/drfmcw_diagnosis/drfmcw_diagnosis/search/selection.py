@@ -1,6 +1,7 @@
 """Which effects a recording demands: added one by one, dropped again, and exchanged for better ones."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -223,7 +224,7 @@ def forward(
         ranked = search.best_addition(current)
         beside = current.template if current is not None else 0.0
         before = current.misfit if current is not None else search.misfit(0.0)
-        best = _best(search, [f for f in ranked if search.credible(f, beside) and _counts(search, f, before)], before)
+        best = _best(search, (f for f in ranked if search.credible(f, beside) and _counts(search, f, before)), before)
         if events.set_aside(search, current, best):
             continue
         rounds.append(ranked)
@@ -255,7 +256,7 @@ def _counts(search: Search, more: Fitted, before: float) -> bool:
     return share > events.LIMITS.faint
 
 
-def _best(search: Search, ranked: list[Fitted], before: float) -> Fitted | None:
+def _best(search: Search, ranked: Iterator[Fitted], before: float) -> Fitted | None:
     """Return the explanation with one more effect from which the search goes on, None of none.
 
     A sway at one of its aliases may follow most of what an offset does, beside which it would be at its own place. So
@@ -266,10 +267,8 @@ def _best(search: Search, ranked: list[Fitted], before: float) -> Fitted | None:
         ranked: explanations with one more effect, best first.
         before: misfit without it.
     """
-    if not ranked:
-        return None
-    best = ranked[0]
-    if not (best.effects[-1].candidate.recipe.lookalikes and _far_beyond_chance(search, best.misfit)):
+    best = next(ranked, None)
+    if best is None or not best.effects[-1].candidate.recipe.lookalikes or not _far_beyond_chance(search, best.misfit):
         return best
     nearly = SELECTION.nearly * (before - best.misfit)
     simple = (f for f in ranked if len(f.effects[-1].candidate.free) == 1 and before - f.misfit > nearly)
