@@ -267,11 +267,11 @@ class SimulationLimits:
     where the line is near a quarter of the sampling rate."""
 
     quadrature: tuple[tuple[float, ...], ...] = (
-        (0.1875924741, 0.7946544723),
-        (0.2666354015, 0.4225186538, 0.8662468181),
+        (-0.7946544723, -0.1875924741, 0.1875924741, 0.7946544723),
+        (-0.8662468181, -0.4225186538, -0.2666354015, 0.2666354015, 0.4225186538, 0.8662468181),
     )
-    """Places on either side of the middle at which 4 or 6 sweeps have the mean of a slow sway [half of the way];
-    derived (Chebyshev's quadrature, exact for powers up to the 5th and 7th)."""
+    """Places about the middle at which 4 or 6 sweeps have the mean of a slow sway [half of the way]; derived
+    (Chebyshev's quadrature, exact for powers up to the 5th and 7th)."""
 
     misplaced: float = 3e-5
     """Error of the mean distance with so few [m], from which on more are tried; chosen: a range has 1e-3."""

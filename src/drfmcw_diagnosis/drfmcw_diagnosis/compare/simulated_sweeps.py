@@ -90,15 +90,16 @@ class SimulatedSweeps:
     @functools.lru_cache(maxsize=64)  # noqa: B019 they live as long as the recording is compared
     def _noise_free(self, part: Part, effects: tuple[Effect, ...]) -> SweepFeatures:
         distorting = any(effect.distorts for effect in effects)
-        swaying = any(effect.motion is Motion.SWAY for effect in effects)
+        swaying = tuple(effect for effect in effects if effect.motion is Motion.SWAY)
         heard = ('', *self._recorded.topology.receivers)
         received = [e for e in effects if ActsOn.SAMPLES in e.acts_on and e.station in heard]
         added = any(effect.stage <= Stage.FILTER for effect in received)
         speed = self.drive(part, effects)
-        many = distorting or speed is not None
-        places = 0 if not swaying else SIMULATION.distorted if many else self._places(part, effects)
-        many |= places == SIMULATION.distorted
-        copies = SIMULATION.distorted if many else places or (4 if added else 2)
+        if distorting or speed is not None:
+            copies = SIMULATION.distorted
+        else:
+            copies = self._places(part, swaying) if swaying else 4 if added else 2
+        many, places = copies == SIMULATION.distorted, copies if swaying else 0
         # half a turn leaves the mean of leakage, transients and even harmonics
         turns = 1.0 if added or distorting else 0.5
         simulated = functools.partial(
@@ -350,17 +351,17 @@ class SimulatedSweeps:
                 found[heard] += np.float32(weight) * samples
         return tuple(found)
 
-    def _places(self, part: Part, effects: Sequence[Effect]) -> int:
+    def _places(self, part: Part, swaying: Sequence[Effect]) -> int:
         """Return at how many places of a sway to simulate sweeps: the fewest that have the mean of all, or nearly."""
         counts = [len(self._recorded.members[g]) for g in part.groups]
         number = np.repeat(np.arange(len(counts)), counts)
         time = np.concatenate([self._time(g) for g in part.groups])
         first = np.cumsum([0, *counts[:-1]])
-        mean = np.add.reduceat(self._way(part, effects, number, time), first) / counts
+        mean = np.add.reduceat(self._way(part, swaying, number, time), first) / counts
         errors = {}
-        for places in (*(2 * len(half) for half in SIMULATION.quadrature), SIMULATION.distorted):
+        for places in (*map(len, SIMULATION.quadrature), SIMULATION.distorted):
             at = self._times(part, places)
-            way = self._way(part, effects, np.tile(np.arange(len(counts)), places), at.ravel())
+            way = self._way(part, swaying, np.tile(np.arange(len(counts)), places), at.ravel())
             errors[places] = np.abs(way.reshape(places, -1).mean(axis=0) - mean).max()
             if errors[places] < SIMULATION.misplaced:
                 break
@@ -426,10 +427,9 @@ def _spread_evenly(count: int, length: int) -> np.ndarray:
     Those of Chebyshev's quadrature where there are few, else the middles of equal parts. A quadrature's mean square,
     1/3, is brought to that of all places.
     """
-    for half in map(np.array, SIMULATION.quadrature):
-        if count == 2 * len(half):
-            places: np.ndarray = 0.5 * (length - 1) + 0.5 * np.sqrt(length**2 - 1.0) * np.array([*-half[::-1], *half])
-            return places
+    for places in SIMULATION.quadrature:
+        if count == len(places):
+            return np.asarray(0.5 * (length - 1) + 0.5 * np.sqrt(length**2 - 1.0) * np.array(places))
     return _middles(count, length)
 
 

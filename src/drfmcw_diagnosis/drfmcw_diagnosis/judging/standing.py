@@ -284,7 +284,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 is_harmonic=periodic[number],
             )
         )
-    over_aside = over_set_aside(fitting, fitted, {number: one.gain for number, one in enumerate(found)})
+    over_aside = over_set_aside(fitting, fitted, as_it_is, {number: one.gain for number, one in enumerate(found)})
     return [dataclasses.replace(one, over_aside=x) for one, x in zip(found, over_aside, strict=True)]
 
 

@@ -175,18 +175,18 @@ def _gain_of_curve(fitting: Fitting, whitening: Whitening, rest: np.ndarray, bes
     return float(along @ scaled_inverse(own @ own.T) @ along)
 
 
-def over_set_aside(fitting: Fitting, fitted: Fitted, gains: Mapping[int, float]) -> list[float]:
+def over_set_aside(fitting: Fitting, fitted: Fitted, as_it_is: Whitening, gains: Mapping[int, float]) -> list[float]:
     """Return gains of effects over what is set aside explains, infinity of effects that show in other numbers.
 
     Args:
         fitting: of the recording.
         fitted: the explanation.
+        as_it_is: whitening of what it leaves, nothing of which counts as unknown.
         gains: by the effect's number in it.
     """
     aside = np.any(fitting.set_aside != 0.0, axis=0)
     if not aside.any():
         return [np.inf] * len(gains)
-    as_it_is = fitting.whitening_of(fitted, with_unknown=False)
     as_measured = as_it_is.beside(fitting.set_aside)
     residual = fitting.comparison.residual - fitted.template
     explained = float(np.sum(as_it_is(residual) ** 2) - np.sum(as_measured(residual) ** 2))

@@ -252,7 +252,10 @@ def forward(
 
 def _counts(search: Search, more: Fitted, before: float) -> bool:
     """Return whether an explanation's last effect gains enough over the misfit before, beside what is set aside."""
-    (share,) = events.over_set_aside(search, more, {len(more.effects) - 1: before - more.misfit})
+    if not len(search.set_aside):
+        return True
+    as_it_is = search.whitening_of(more, with_unknown=False)
+    (share,) = events.over_set_aside(search, more, as_it_is, {len(more.effects) - 1: before - more.misfit})
     return share > events.LIMITS.faint
 
 
