@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from ..generator.model import Ray, Scene, Stage
+from ..generator.model import SPEED_OF_LIGHT, Ray, Scene, Stage
 from .kinds import KINDS, Parameters, Size, decibel, deviate, kind, linear
+from .side_bands import signed_line
 
 _FAN, _DITHER = 3, 4  # streams of random numbers, as the registered effects have theirs
 
@@ -163,7 +164,101 @@ def _interleaving(scene: Scene, stations: tuple[int, ...], p: Parameters) -> Non
         scene.warp[s].append(warp)
 
 
+@_outside('sampling_ripple', 'station', {'skew': 's', 'rate': 'Hz', 'phase': 'rad'}, linear('skew', 2e-9, 5e-7))
+def _sampling_ripple(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The converter's clock is pulled by a supply that starts with the sweep: times of samples go to and fro."""
+    # no sample before the sweep
+    _shift(scene, stations, lambda u: p['skew'] * (1.0 + np.sin(2.0 * math.pi * p['rate'] * u + p['phase'])))
+
+
+@_outside('sampling_settling', 'station', {'skew': 's', 'time_constant': 's'}, linear('skew', 2e-9, 5e-7))
+def _sampling_settling(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The converter's clock is late when the sweep begins, and settles."""
+    _shift(scene, stations, lambda u: p['skew'] * np.exp(-u / p['time_constant']) - min(p['skew'], 0.0))
+
+
+def _shift(scene: Scene, stations: tuple[int, ...], late: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Take samples later [s] by the time in the sweep [s]."""
+    for s in stations:
+        scene.warp[s].append(lambda scene, rows, u: u + late(u))
+
+
+@_outside('aperture_jitter', 'station', {'jitter': 's'}, linear('jitter', 1e-9, 1e-7))
+def _aperture_jitter(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The converter samples at uncertain times: white noise in proportion to the line's slope."""
+    rows = np.arange(len(scene))
+    for s in stations:
+        slope = math.sqrt(0.5) * 2.0 * math.pi * np.abs(signed_line(scene, s, rows)) * scene.amplitude(s, rows)
+        more = (p['jitter'] * slope / scene.noise_std(s)) ** 2
+        scene.noise_floor[s] = scene.noise_floor[s] + 10.0 * np.log10(1.0 + more)
+
+
+@_outside('crossover_distortion', 'station', {'depth': 'LSB'}, linear('depth', 0.3, 2000.0))
+def _crossover_distortion(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """An output stage without bias gives too little about zero."""
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return (x - p['depth'] * np.tanh(x / p['depth'])).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
+@_outside('gain_switch', 'station', {'step': 'dB', 'within': 'm'}, linear('step', 0.05, 20.0))
+def _gain_switch(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The receiver takes another gain where the crane is near, and its calibration knows one only."""
+    change = p['step'] * (scene.distance < p['within'])
+    for s in stations:
+        scene.gain[s] = scene.gain[s] + change
+        scene.noise_floor[s] = scene.noise_floor[s] + change
+
+
+@_outside('loose_contact', 'station', {'loss': 'dB', 'every': '1'}, linear('loss', 0.2, 20.0))
+def _loose_contact(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """A plug shakes with a motor: one sweep of `every` is received weaker."""
+    for s in stations:
+        scene.gain[s] = scene.gain[s] - p['loss'] * (np.arange(len(scene)) % int(p['every']) == 0)
+
+
 # --- of the path and of the reference instrument ---
+
+
+@_outside(
+    'swinging_echo',
+    'path',
+    {'excess_range': 'm', 'relative_power': 'dB', 'swing': 'm', 'rate': 'Hz', 'phase': 'rad'},
+    decibel('relative_power', -40.0, -110.0, -1.0),
+)
+def _swinging_echo(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """A load that swings on its ropes reflects: the echo's way becomes longer and shorter."""
+    moved = p['swing'] * np.sin(2.0 * math.pi * p['rate'] * scene.time + p['phase'])
+    middle = scene.condition.start_frequency + 0.5 * scene.condition.bandwidth
+    turned = 2.0 * math.pi * middle / SPEED_OF_LIGHT * moved  # the way changes by far less than a resolution cell
+    scene.rays.append(Ray(lambda r: r + p['excess_range'], 10.0 ** (p['relative_power'] / 20.0), turned))
+
+
+@_outside('shadowing', 'path', {'loss': 'dB', 'from': 'm', 'to': 'm'}, linear('loss', 0.2, 30.0))
+def _shadowing(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """Something stands in the way between two distances."""
+    scene.gain = scene.gain - p['loss'] * ((scene.distance >= p['from']) & (scene.distance <= p['to']))
+
+
+@_outside('wet_antenna', 'path', {'loss': 'dB', 'time': 's'}, linear('loss', 0.2, 30.0))
+def _wet_antenna(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """It begins to rain on an antenna's cover."""
+    scene.gain = scene.gain - p['loss'] * (scene.time >= p['time'])
+
+
+@_outside('air_gradient', 'path', {'gradient': '1e-6/km'}, linear('gradient', 5.0, 5e3))
+def _air_gradient(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """The air at the far end is another than at the weather sensor: the mean over the way grows with the distance."""
+    scene.refractivity = scene.refractivity + p['gradient'] * 1e-3 * scene.distance
+
+
+@_outside('reference_rounding', 'reference', {'step': 'm'}, linear('step', 0.02, 20.0))
+def _reference_rounding(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """Marks along the rail are far apart: the reference gives the middle between two of them."""
+    scene.reference_errors.append(lambda r: p['step'] * (np.floor(r / p['step']) + 0.5) - r)
 
 
 @_outside(

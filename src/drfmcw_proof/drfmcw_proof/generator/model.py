@@ -68,7 +68,7 @@ class Ray:
 
     length: Callable[[np.ndarray], np.ndarray]
     amplitude: float | np.ndarray = 1.0  # [n] where it differs from sweep to sweep
-    phase: float = 0.0  # of the reflection, by which the received wave lags, as over a longer way [rad]
+    phase: float | np.ndarray = 0.0  # of the reflection, by which the received wave lags, as over a longer way [rad]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -279,7 +279,8 @@ def heard(scene: Scene, station: int, rows: Rows, ray: Ray, margin: int = 0) -> 
     turns = (0.5 * c.chirp_rate) * (a + b) * u
     turns += c.start_frequency - (0.5 * c.chirp_rate) * b * d
     turns *= w
-    turns += scene.phase[station, rows, None] - scene.phase[peer, rows, None] + ray.phase / (2.0 * math.pi)
+    turned = np.broadcast_to(ray.phase, (len(scene),))[rows] / (2.0 * math.pi)
+    turns += (scene.phase[station, rows] - scene.phase[peer, rows] + turned)[:, None]
     if scene.chirp[station] or scene.chirp[peer]:
         v = u - d
         for shape in scene.chirp[station]:
