@@ -3,6 +3,8 @@
 import pytest
 from comparing import beginning, compared
 
+from drfmcw_diagnosis.compare.steadiness import LIMITS as STEADINESS
+from drfmcw_diagnosis.compare.steadiness import amplitude_modulations
 from drfmcw_diagnosis.judging import curves
 from drfmcw_diagnosis.judging.standing import LIMITS, standings
 from drfmcw_diagnosis.search import events
@@ -38,6 +40,25 @@ def test_a_jump_of_the_phase_is_no_noise_of_the_oscillator(tmp_path, effect, val
     (standing,) = standings(search, search.trusted(found))
     assert standing.gain > 300.0
     assert standing.stands == (standing.repeated < LIMITS.repeated) == stands
+
+
+@pytest.mark.parametrize(
+    ('effect', 'station', 'values', 'modulated'),
+    [
+        ('swinging_echo', None,
+         {'excess_range': 10.0, 'relative_power': -30.0, 'swing': 0.3, 'rate': 0.5, 'phase': 0.2}, True),
+        ('frequency_modulation', 'master', {'deviation': 40.0, 'rate': 5e3}, False),
+    ],
+)  # fmt: skip
+def test_an_echo_that_swings_is_no_modulation_of_an_oscillator(tmp_path, effect, station, values, modulated):
+    """Over 10 m the line ripples at 5 kHz, with a phase of its own in each sweep: in its amplitude as well.
+
+    The recordings are fixed, so nothing is by chance.
+    """
+    comparison = compared(tmp_path / 'r', 62, Applied(effect, station, values))
+    oscillator = Effect.registry['frequency_modulation'](40.0, 5e3, station='master')
+    (shown,) = amplitude_modulations(comparison, [oscillator])
+    assert (shown > STEADINESS.of_amplitude) == modulated
 
 
 def beside_curves(path, concealed, tried):

@@ -3,7 +3,9 @@
 In: effects, some of random phase, and the sweeps. Out: the odds of each such effect. A modulation has one
 size in all sweeps, noise of the same power has one that scatters. The noise near a line is often steeper than any
 oscillator's model: its power in a few terms of the ramp alone would pass for a slow modulation. Both lines hold a
-modulation, the other station's one path delay later: its power hardly shows that, its phase in each sweep does.
+modulation, the other station's one path delay later: its power hardly shows that, its phase in each sweep does. An
+oscillator's modulation shows in the phases alone. What a second path adds whose length swings shows in the amplitudes
+as well.
 """
 
 import dataclasses
@@ -35,6 +37,13 @@ class SteadinessLimits:
 
     any_size: tuple[float, ...] = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
     """Over the size that was fitted, sizes that it may have while other effects are missing [1]; chosen."""
+
+    of_amplitude: float = 0.1
+    """Power of the amplitudes' modulation at the same rate over that of the phases [1], at most; chosen: a second path
+    makes both alike."""
+
+    shown: float = 5.0
+    """Standard deviations from which on such a power is there [1]; chosen."""
 
 
 LIMITS = SteadinessLimits()
@@ -89,6 +98,37 @@ def gains_over_other_station(comparison: Comparison, effects: Sequence[Effect]) 
     return found
 
 
+def amplitude_modulations(comparison: Comparison, effects: Sequence[Effect]) -> list[float]:
+    """Return the power with which the lines' amplitudes are modulated at each effect's rate, over that of the phases.
+
+    Beyond what the effect itself does to them. 0 where it is none beyond chance, for effects without a phase of their
+    own in each sweep, and where sweeps are too few to scatter.
+    """
+    found = [0.0] * len(effects)
+    random = _of_random_phase(comparison, effects)
+    if not random:
+        return found
+    waves, phases = comparison.quadratures(effects)[..., SCATTER.steady :], comparison.recorded.phases
+    amplitudes = [i for i in range(waves.shape[3]) if i not in phases]
+    sums = np.zeros((len(random), 3))  # power, weight and what is expected, weighted
+    for g, terms, std in _terms(comparison):
+        for number, channel in itertools.product(range(len(random)), amplitudes):
+            own = waves[number, :, g]
+            wave = max((own[:, i] / std[channel] for i in phases), key=np.linalg.norm)
+            inverse = np.linalg.pinv(wave @ wave.T, hermitian=True)
+            phasors = (terms[:, channel] / std[channel]) @ wave.T @ inverse  # 1 where as large as the phases' wave
+            expected = (own[:, channel] / std[channel]) @ wave.T @ inverse
+            chance = max(float(np.trace(inverse)), np.finfo(float).tiny)
+            power = float(np.mean(np.sum(phasors**2, axis=1))) - chance * (1.0 - 1.0 / len(terms))
+            weight = len(terms) / chance**2
+            sums[number] += weight * np.array([power, 1.0, 0.5 * float(np.sum(expected**2))])
+    for number, index in enumerate(random):
+        power, weight, expected = sums[number]
+        if power > LIMITS.shown * np.sqrt(weight) and weight > 0.0:
+            found[index] = float(power - expected) / float(weight)
+    return found
+
+
 def other_station(comparison: Comparison, station: str) -> str:
     """Return the other one of two stations, '' where there is none."""
     others = [name for name in comparison.data.stations if name != station]
@@ -119,11 +159,16 @@ def _sweeps(
     if not random:
         return
     waves = comparison.quadratures(effects)[..., SCATTER.steady :]
+    for g, terms, std in _terms(comparison):
+        yield (terms / std).reshape(len(terms), -1), (waves[:, :, g] / std).reshape(2 * len(random), -1)
+
+
+def _terms(comparison: Comparison) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Yield each group with the terms of its sweeps without bursts, less their mean (n, 2 S, K), and their noise."""
     for g, (sweeps, calm) in enumerate(zip(comparison.sweeps, comparison.recorded.calm, strict=True)):
         terms = ramp_spectrum(sweeps.ramp[calm])[..., SCATTER.steady :]
         std = np.sqrt(comparison.std['flutter'][g][:, SCATTER.steady :])
-        changes = ((terms - terms.mean(axis=0)) / std).reshape(len(terms), -1)
-        yield changes, (waves[:, :, g] / std).reshape(2 * len(random), -1)
+        yield g, terms - terms.mean(axis=0), std
 
 
 def _log_likelihoods(phasors: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

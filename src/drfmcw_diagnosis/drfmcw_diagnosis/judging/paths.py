@@ -20,11 +20,11 @@ from drfmcw_sim.measurements import Measurements, Path
 
 from ..compare.algebra import gain_of
 from ..compare.comparison import Comparison
-from ..search.events import LIMITS as EVENTS
 from ..search.fits.fitted import Fitted, Freedom
 from ..search.fits.fitting import Fitting
 from ..search.fits.whitening import Whitening
 from ..search.leftovers import Leftover
+from ..search.limits import EVENTS
 from ..search.search import Search
 from ..search.starts.phasors import Phasors, path_phasors, per_metre
 

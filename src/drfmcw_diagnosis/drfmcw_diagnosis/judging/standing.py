@@ -23,14 +23,16 @@ thousandth of what that does, is in doubt; nor does the search add it.
 Two effects of any kind that nearly cancel each other are in doubt: nature has no reason to balance them, but a fit to
 something unknown has.
 
-What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`, and
-a second path where one of a reflector that stands still or is there along a part of the track does, see `paths`. What
-is left beside an effect is what is left beside the events that are set aside as well.
+What shows over the sweep alone is in doubt where an event at one time of the sweep explains as much, see `events`, or a
+course of one receiver's line, see `courses`, and a second path where one of a reflector that stands still or is there
+along a part of the track does, see `paths`. What is left beside an effect is what is left beside the events that are
+set aside as well.
 
 Bursts that last longer than a sweep are in doubt: whatever makes some sweeps noisier than others does as much. A sway
 is where a drift that all groups share explains nearly as much, see `drifts`.
 
-What has a random phase in each sweep is in doubt where its size scatters as that of noise, see `compare.steadiness`.
+What has a random phase in each sweep is in doubt where its size scatters as that of noise, or where the amplitudes are
+modulated at the same rate, as a second path does that swings, see `compare.steadiness`.
 
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
 decibels: whatever changes a receiver's gain changes both; and where a third of it repeats in each sweep, as what an
@@ -49,11 +51,13 @@ from drfmcw_sim.effects import ActsOn, Motion
 from ..compare.algebra import scaled_inverse
 from ..compare.limits import MODEL
 from ..compare.steadiness import LIMITS as STEADINESS
-from ..compare.steadiness import odds_of_one_size
-from ..search.events import LIMITS as EVENTS
+from ..compare.steadiness import amplitude_modulations, odds_of_one_size
+from ..search.courses import LIMITS as COURSES
+from ..search.courses import beyond_courses
 from ..search.events import beyond_events, over_set_aside
 from ..search.fits.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
 from ..search.fits.fitting import Fitting
+from ..search.limits import EVENTS
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
 from .drifts import drifting
@@ -70,6 +74,8 @@ from .receivers import (
     unexplained_course,
     unexplained_signal,
 )
+from .stretches import LIMITS as STRETCHES
+from .stretches import beyond_stretches
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +129,7 @@ class Standing:
     bent: float = 0.0  # of effects that the range alone shows, and that depend on one
     course: float = 0.0  # of effects that the range alone shows
     beyond_step: float = np.inf  # of effects that range and beat frequency alone show
+    beyond_stretch: float = np.inf  # of effects that the received power alone shows
     unexplained: float = 0.0  # of effects that the noise alone shows
     uneven_power: float = 0.0  # of effects that the received power alone shows
     repeated: float = 0.0  # of effects that the noise alone shows
@@ -131,8 +138,10 @@ class Standing:
     over_aside: float = np.inf  # of effects that show in the numbers of what is set aside
     cancelled: float = 1.0
     beyond_event: float = np.inf  # of effects that show over the sweep alone
+    beyond_course: float = np.inf  # of effects that show over the sweep alone
     beyond_path: float = np.inf  # of second paths
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
+    of_amplitude: float = 0.0  # of effects of random phase
     lasting: float = 0.0  # of bursts
     drifting: float = 0.0  # of a sway
     is_harmonic: bool = False  # or the fundamental of another line of the explanation
@@ -155,6 +164,7 @@ class Standing:
             and self.uneven_power < LIMITS.uneven_power
             and self.repeated < LIMITS.repeated
             and self.multiples < LIMITS.multiples
+            and self.of_amplitude < STEADINESS.of_amplitude
             and self.lasting < LIMITS.lasting
             and self.drifting < LIMITS.drifting
             and not self.is_harmonic
@@ -162,6 +172,8 @@ class Standing:
             and self.over_aside > EVENTS.faint
             and not self.is_cancelled
             and not self.is_event
+            and self.beyond_course > COURSES.beaten
+            and self.beyond_stretch > STRETCHES.beaten
             and not self.is_path
             and not self.is_noise
         )
@@ -217,8 +229,10 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     by_range = [_by_range(fitting, effect) for effect in fitted.effects]
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting.comparison, fitted.build())
+    of_amplitude = amplitude_modulations(fitting.comparison, fitted.build())
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
     paths, periodic = beyond_paths(fitting, fitted), harmonics(fitting, fitted)
+    courses, stretches = beyond_courses(fitting, fitted), beyond_stretches(fitting, fitted)
     drifts = drifting(fitting, fitted)
     curves = bent(fitting, fitted, slopes, rest, as_it_is) if any(by_range) else [None] * len(by_range)
     of_range = of_level(fitting, 'range')
@@ -277,8 +291,11 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 inflated=inflations[number],
                 cancelled=cancelled[number],
                 beyond_event=beyond[number],
+                beyond_course=courses[number],
+                beyond_stretch=stretches[number],
                 beyond_path=paths[number],
                 one_size=one_size[number],
+                of_amplitude=of_amplitude[number],
                 lasting=_lasting(fitting, fitted.effects[number]) if bursts else 0.0,
                 drifting=drifts[number],
                 is_harmonic=periodic[number],

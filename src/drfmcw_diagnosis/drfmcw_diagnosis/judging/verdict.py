@@ -7,14 +7,14 @@ import numpy as np
 from scipy import stats
 
 from ..compare import steadiness
-from ..search import events
+from ..search import courses, events
 from ..search.bent_ramps import unified
 from ..search.fits.fitted import Fitted
 from ..search.leftovers import Leftover, leftovers
-from ..search.limits import SEARCH, SELECTION
+from ..search.limits import EVENTS, SEARCH, SELECTION
 from ..search.search import Search
 from ..search.selection import Found, better_bent, forward, pruned, united_with
-from . import curves, paths, standing
+from . import curves, paths, standing, stretches
 from .receivers import harmonics
 from .rivals import rivals, widened
 from .standing import standings
@@ -24,7 +24,7 @@ from .standing import standings
 class VerdictLimits:
     """When a remainder counts against an explanation."""
 
-    adequate: float = events.LIMITS.adequate
+    adequate: float = EVENTS.adequate
     """Remainder over what is explained [1], of one kind of number at one station or of all together, below which an
     explanation holds whatever its significance: forward models are not exact; chosen, as the interface states it."""
 
@@ -278,15 +278,7 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     Bursts need not stand: how many a distance holds is chance.
     """
     if not left:
-        as_event = min(events.beyond_events(search, fitted)) < events.LIMITS.beaten
-        as_step = min(curves.beyond_steps(search, fitted)) < curves.LIMITS.beaten
-        odds = steadiness.odds_of_one_size(search.comparison, fitted.build())
-        as_noise = min(odds) < steadiness.LIMITS.unlikely
-        as_curve = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
-        as_path = min(paths.beyond_paths(search, fitted)) < paths.LIMITS.beaten
-        as_period = any(harmonics(search, fitted))
-        as_several = any(standing.uneven(search, fitted))
-        return not (as_event or as_step or as_noise or as_curve or as_path or as_period or as_several)
+        return not _is_imitation(search, fitted)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     explained = _explained(search, fitted)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}
@@ -296,6 +288,28 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
         return False
     found = zip(fitted.effects, standings(search, fitted), strict=True)
     return all(one.stands or effect.candidate.kind.bursts for effect, one in found)
+
+
+_INSTEAD = (
+    (events.beyond_events, EVENTS.beaten),
+    (courses.beyond_courses, courses.LIMITS.beaten),
+    (stretches.beyond_stretches, stretches.LIMITS.beaten),
+    (curves.beyond_steps, curves.LIMITS.beaten),
+    (paths.beyond_paths, paths.LIMITS.beaten),
+)
+"""What has no name and may stand for effects: by how much these gain more, and how much that must be."""
+
+
+def _is_imitation(search: Search, fitted: Fitted) -> bool:
+    """Return whether effects that leave nothing beyond chance may stand for something else."""
+    if any(min(beyond(search, fitted)) < least for beyond, least in _INSTEAD):
+        return True
+    if min(steadiness.odds_of_one_size(search.comparison, fitted.build())) < steadiness.LIMITS.unlikely:
+        return True
+    if max(steadiness.amplitude_modulations(search.comparison, fitted.build())) > steadiness.LIMITS.of_amplitude:
+        return True
+    cancelled = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
+    return cancelled or any(harmonics(search, fitted)) or any(standing.uneven(search, fitted))
 
 
 def _explained(search: Search, fitted: Fitted) -> float:

@@ -290,3 +290,64 @@ SEARCH = SearchLimits()
 SCAN = ScanLimits()
 SELECTION = SelectionLimits()
 RIVALS = RivalLimits()
+
+
+@dataclasses.dataclass(frozen=True)
+class EventLimits:
+    """Which events take the place of an effect."""
+
+    by_ramp: float = 0.9
+    """Share of an effect's power over the sweep, above which an event may stand for it [1]; chosen."""
+
+    edge: float = 0.1
+    """Share of the sweep at either end in which an event may be what settles there [1]; chosen."""
+
+    widths: tuple[float, ...] = (0.0, 2.0, 5.0)
+    """Standard deviations of an event's onset [blocks of the sweep]; chosen."""
+
+    longest: float = 2.0
+    """Standard deviation of a bump, at most: wider ones resemble a curved ramp [blocks]; chosen."""
+
+    beaten: float = -6.0
+    """Gain of an effect beyond that of the best event, below which it is in doubt: odds of 20 to 1; chosen."""
+
+    parameter: float = 2.0
+    """Gain that each parameter must bring which an effect has more than an event (Akaike 1974)."""
+
+    of_event: int = 2
+    """Parameters of an event: its time and its size."""
+
+    least_power: float = 0.1
+    """Share of an event's power that the other effects must leave of it [1]; chosen."""
+
+    about: int = 2
+    """Blocks before and behind an event of which nothing is known [blocks of the sweep]; chosen."""
+
+    most: int = 4
+    """Events that are set aside, at most; chosen."""
+
+    worth: float = 0.6
+    """Share of what is left of its channels that an event must explain to be set aside [1]; chosen: a smooth curve that
+    nobody knows is no event."""
+
+    chance: float = 1e-6
+    """Chance of an event, of all times and shapes, above which it is not set aside [1]; chosen."""
+
+    clearly: float = 30.0
+    """Gain by which events that are set aside must exceed that of the best further effect [1]; chosen."""
+
+    lost: int = 4
+    """Samples that a station loses at once, at most, whose turns of the line may exceed half a turn [1]; chosen."""
+
+    adequate: float = 1e-3
+    """Gain over what an explanation explains [1], below which an event may be its inaccuracy; as of a remainder."""
+
+    faint: float = 1e-3
+    """Gain of an effect over what is set aside of the same numbers explains, from which on it counts [1]; chosen: that
+    is known to first order only."""
+
+    prior: float = 30.0
+    """Standard deviation of the size of an event that is set aside, over the size found [1]; chosen: any size."""
+
+
+EVENTS = EventLimits()

@@ -9,7 +9,7 @@ from . import events, path_sets
 from .bent_ramps import bends_as_it_must, unified
 from .fits.fitted import Fitted, Linearised
 from .leftovers import leftovers
-from .limits import SEARCH, SELECTION
+from .limits import EVENTS, SEARCH, SELECTION
 from .search import Search
 
 _Without = tuple[float, Fitted]  # chance of an effect, and the explanation without it
@@ -256,7 +256,7 @@ def _counts(search: Search, more: Fitted, before: float) -> bool:
         return True
     as_it_is = search.whitening_of(more, with_unknown=False)
     (share,) = events.over_set_aside(search, more, as_it_is, {len(more.effects) - 1: before - more.misfit})
-    return share > events.LIMITS.faint
+    return share > EVENTS.faint
 
 
 def _best(search: Search, ranked: Iterator[Fitted], before: float) -> Fitted | None:

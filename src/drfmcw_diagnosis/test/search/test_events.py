@@ -9,8 +9,9 @@ from scipy import special
 from drfmcw_diagnosis.compare.comparison import Comparison
 from drfmcw_diagnosis.compare.over_sweep import over_sweep
 from drfmcw_diagnosis.recording.dataset import read_dataset
-from drfmcw_diagnosis.search.events import LIMITS, beyond_events, left
+from drfmcw_diagnosis.search.events import beyond_events, left
 from drfmcw_diagnosis.search.fits.fitting import Fitting
+from drfmcw_diagnosis.search.limits import EVENTS
 from drfmcw_diagnosis.search.starts.bank import of_coefficients
 from drfmcw_physics.constants import SPEED_OF_LIGHT
 from drfmcw_sim.effects import Effect
@@ -119,5 +120,5 @@ def test_a_bent_ramp_is_separated_from_an_event(data, width):
         comparison.residual = residual
         fitting = Fitting(comparison)
         beyond += beyond_events(fitting, fitting.fit([(many, many.values)], exact=True))
-    assert beyond[0] < LIMITS.beaten
+    assert beyond[0] < EVENTS.beaten
     assert beyond[1] > 0.0
