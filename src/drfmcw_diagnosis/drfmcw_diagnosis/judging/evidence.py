@@ -18,7 +18,9 @@ class EvidenceLimits:
     """What counts as clean; chosen on recordings by another hand, see docs/diagnosis.md."""
 
     clean: float = 0.05  # rest of a cell over the effect's power in it, below which the cell counts as clean [1]
+    dominated: float = 9.0  # rest of a cell over the effect's power in it, above which it does not show the size [1]
     unchanged: float = 0.01  # square of what an effect adds to a number over the largest in its cell, see `Kind.sparse`
+    by_chance: float = 5.0  # standard deviations of noise in such a rest [1]
     noise: float = 1.0  # standard deviations by which noise may raise the rest of a cell [1]
     left_over: float = 0.01  # chance of what is left of a kind of number at a station below which it counts [1]
     uneven: float = 1e-4  # chance of a converter's codes below which its numbers are no evidence [1]
@@ -52,6 +54,22 @@ def clean(
     """
     beside = np.where(_unchanged(fitting, added, cells), 0.0, left_over)
     found: np.ndarray = _in_clean_cells(beside, added, cells) & ~_in_doubt(fitting, significant, beside, added)
+    return found
+
+
+def dominated(left_over: np.ndarray, added: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return which numbers lie in cells of which far more is left than an effect adds (n,): they do not show its size.
+
+    An effect that is not there leaves as much as it adds.
+
+    Args:
+        left_over: what the explanation leaves, whitened (n,).
+        added: what the effect adds to it, whitened (n,).
+        cells: number of each number's cell (n,).
+    """
+    power, over = np.bincount(cells, added**2), np.bincount(cells, left_over**2 - (left_over != 0.0))
+    by_chance = LIMITS.by_chance * np.sqrt(2.0 * np.bincount(cells, left_over != 0.0))  # chi-squared
+    found: np.ndarray = (over > LIMITS.dominated * power + by_chance)[cells]
     return found
 
 

@@ -61,7 +61,7 @@ from ..search.limits import EVENTS
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
 from .drifts import drifting
-from .evidence import clean, excess, of_uneven_converters, significantly_left
+from .evidence import clean, dominated, excess, of_uneven_converters, significantly_left
 from .parts import chance_of_sizes, largest_share, smallest_size, unevenness, without_each
 from .paths import LIMITS as PATHS
 from .paths import beyond_paths
@@ -216,7 +216,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     derivatives = fitting.slopes(fitted)
     slopes = whitening(derivatives)
     groups, kinds, cells = entries.group, _confirming(fitting), cells_of(entries)
-    exact = fitting.comparison.rows_of_kinds(lambda kind: kind.exact)
+    exact = np.isin(np.arange(len(groups)), fitting.comparison.rows_of_kinds(lambda kind: kind.exact))
     least = np.full(len(slopes), LIMITS.determined)
     for effect, own in zip(fitted.effects, fitted.spans, strict=True):
         if effect.candidate.recipe.per_group:
@@ -257,7 +257,9 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
             clear = float(np.sum(added[unmistakable] ** 2)) > LIMITS.visible
             testable = by_group or bursts or clear or largest_share(added, kinds) < LIMITS.alone
         evident = clean(fitting, significant, left_over, measured, cells) & ~converters
-        standing = _standing(rest, added, moved, moved_own, groups, kinds, evident, ~converters, free, testable)
+        counted = ~dominated(left_over, measured, cells)
+        sound = counted & ~converters
+        standing = _standing(rest, added, moved, moved_own, groups, kinds, evident, counted, sound, free, testable)
         in_range = float(measured[of_range] @ measured[of_range])
         explained = in_range * _own_share(slopes, own, added)
         curve = curves[number]
@@ -276,8 +278,8 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 over_kinds=standing.over_kinds - doubt,
                 predicted=1.0 if bursts else standing.predicted,
                 smallest=min(
-                    smallest_size(rest, added, groups, LIMITS.visible) if by_group and not bursts else 1.0,
-                    smallest_size(rest[exact], added[exact], kinds[exact], LIMITS.visible),
+                    _smallest(rest, added, groups, counted) if by_group and not bursts else 1.0,
+                    _smallest(rest, added, kinds, counted & exact),
                 ),
                 certain=_certainty(fitted.effects[number], slopes, own),
                 left=left,
@@ -344,6 +346,11 @@ def _certainty(effect: FittedEffect, slopes: np.ndarray, own: slice) -> float:
     held = size if effect.candidate.kind.motion is Motion.SWAY else own
     left = Freedom(np.delete(slopes, held, axis=0)).left(slopes[size])
     return abs(effect.values[recipe.size]) * float(np.linalg.norm(left))
+
+
+def _smallest(rest: np.ndarray, added: np.ndarray, parts: np.ndarray, used: np.ndarray) -> float:
+    """Return `smallest_size` of the numbers that are used (n,)."""
+    return smallest_size(rest[used], added[used], parts[used], LIMITS.visible)
 
 
 def _lasting(fitting: Fitting, effect: FittedEffect) -> float:
@@ -428,6 +435,7 @@ def _standing(
     groups: np.ndarray,
     kinds: np.ndarray,
     clean: np.ndarray,
+    counted: np.ndarray,
     sound: np.ndarray,
     free: int,
     testable: bool,
@@ -442,13 +450,14 @@ def _standing(
         groups: number of each number's group.
         kinds: of its kind and station.
         clean: which numbers can be evidence.
-        sound: of which numbers no uneven ADC takes part.
+        counted: which something else does not dominate.
+        sound: of these, which no uneven ADC made.
         free: parameters of the effect.
         testable: whether more than one part shows the effect, or one that nothing else changes.
     """
-    gain = (rest + added) ** 2 - rest**2
+    gain = np.where(counted, (rest + added) ** 2 - rest**2, 0.0)
     left = rest - moved
-    predicted = (left + added + moved_own) ** 2 - left**2
+    predicted = np.where(counted, (left + added + moved_own) ** 2 - left**2, 0.0)
     total = max(float(gain.sum()), 1e-30)
     return Standing(
         over_groups=unevenness(rest[sound], added[sound], groups[sound]),
