@@ -3,7 +3,8 @@
 In: an explanation. Out: by how much effects that show over the sweep alone gain beyond the best course in their place,
 and the courses that are left beside it. An effect of a ramp shows in both lines, the other one a path delay later. What
 only one receiver does to its own line, a clock of its converter that is pulled or an amplifier that sags, shows in one,
-in each group alike or in proportion to the line's frequency. Two settlings, or a ripple, may imitate that.
+in each group alike or in proportion to the line's frequency. Two settlings, or a ripple, may imitate that. Where one
+receiver alone is recorded, nothing separates them.
 """
 
 import dataclasses
@@ -33,8 +34,8 @@ class CourseLimits:
     """Gain that each term and each parameter must bring (Akaike 1974)."""
 
     beaten: float = -10.0
-    """Gain of effects beyond that of a course in their place, below which they are in doubt: odds of 150 to 1; chosen:
-    where the sum of the phases hardly counts, an effect of 20 sigma gains less than that once in a thousand times."""
+    """Gain of effects beyond that of a course in their place, below which they are in doubt: odds of 150 to 1;
+    chosen."""
 
     worth: float = EVENTS.worth
     """Share of what is left of its channels that a course must explain to be set aside [1]; chosen, as of an event."""
@@ -85,6 +86,8 @@ def beyond_courses(fitting: Fitting, fitted: Fitted) -> list[float]:
     of_ramp = c.entries.where(kind='ramp')
     added = [whitening(fitting.added_beside(fitted, number)) for number in range(len(found))]
     own = [i for i, x in enumerate(added) if float(np.sum(x[of_ramp] ** 2)) >= EVENTS.by_ramp * float(x @ x)]
+    if not own or len(c.receivers) < 2:
+        return found
     slopes = whitening(fitting.slopes(fitted))
     rest = whitening(c.residual - fitted.template)
     sets = {(*own,), *((i,) for i in own), *itertools.combinations(own, 2)} - {()}
@@ -133,13 +136,15 @@ def left(fitting: Fitting, whitening: Whitening, rest: np.ndarray, beside: Freed
     """
     c = fitting.comparison
     found = np.zeros((0, len(c.residual)))
+    if len(c.receivers) < 2:
+        return found
     for _ in range(LIMITS.most):
         tried = [(law, *_fitted(c, whitening, rest, law)) for law in _laws(c)]
         law, sizes, gains = max(tried, key=lambda one: _worth(one[2]))
         total = float(gains.sum())
         rows = c.entries.where(kind='ramp') & np.isin(c.entries.station, list(law.channels))
         excess = float(rest[rows] @ rest[rows]) - np.count_nonzero(rest[rows])
-        both = max((_worth(_fitted(c, whitening, rest, other)[1]) for other in _of_both(c, law)), default=0.0)
+        both = max(_worth(_fitted(c, whitening, rest, other)[1]) for other in _of_both(c, law))
         few = max(gain_of_curve(fitting, whitening, rest, beside, law), 0.0 if len(found) else by_event)
         beyond = _worth(gains) - max(both + LIMITS.law * total, few + LIMITS.few * total)
         chance = len(tried) * stats.chi2.sf(total, np.count_nonzero(gains))
@@ -232,7 +237,7 @@ def _of_both(c: Comparison, law: Law) -> list[Law]:
     alike = np.ones(len(c.members))
     if set(law.channels) <= set(phases):
         return [Law({channel: 1.0}, alike) for channel in phases]
-    return [Law({number: 1.0 for number in range(len(c.receivers))}, alike)] if len(c.receivers) > 1 else []
+    return [Law(dict.fromkeys(range(len(c.receivers)), 1.0), alike)]
 
 
 def by_frequency(c: Comparison, number: int) -> np.ndarray:
