@@ -11,7 +11,7 @@ from ..generator.model import SPEED_OF_LIGHT, Ray, Scene, Stage
 from .kinds import KINDS, Parameters, Size, decibel, deviate, kind, linear
 from .side_bands import signed_line
 
-_FAN, _DITHER = 3, 4  # streams of random numbers, as the registered effects have theirs
+_FAN, _DITHER, _SUPPLY = 3, 4, 6  # streams of random numbers, as the registered effects have theirs
 
 
 def _outside(name: str, of: str, units: Mapping[str, str], size: Size) -> Callable[[Any], Any]:
@@ -134,13 +134,18 @@ def _dropped_samples(scene: Scene, stations: tuple[int, ...], p: Parameters) -> 
     """The interface to the converter loses samples at one point; the rest moves up and the last one is repeated."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
-        position, count = int(p['time'] * scene.condition.sample_rate), int(p['count'])
-        kept = np.arange(codes.shape[1])
-        kept = np.minimum(np.where(kept < position, kept, kept + count), codes.shape[1] - 1)
-        return codes[:, kept]
+        return _without_samples(scene, codes, p)
 
     for s in stations:
         scene.digital[s].append(hook)
+
+
+def _without_samples(scene: Scene, codes: np.ndarray, p: Parameters) -> np.ndarray:
+    """Return codes without some samples from a time on [s]; the last one is repeated."""
+    position, count = int(p['time'] * scene.condition.sample_rate), int(p['count'])
+    kept = np.arange(codes.shape[1])
+    kept = np.minimum(np.where(kept < position, kept, kept + count), codes.shape[1] - 1)
+    return codes[:, kept]
 
 
 @_outside('frequency_glitch', 'station', {'peak': 'Hz', 'time': 's', 'width': 's'}, linear('peak', 300.0, 1e8))
@@ -220,6 +225,49 @@ def _loose_contact(scene: Scene, stations: tuple[int, ...], p: Parameters) -> No
         scene.gain[s] = scene.gain[s] - p['loss'] * (np.arange(len(scene)) % int(p['every']) == 0)
 
 
+@_outside('gain_hum', 'station', {'depth': 'dB', 'rate': 'Hz'}, linear('depth', 0.02, 10.0))
+def _gain_hum(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The mains come through the supply of the IF amplifier: slower than the sweep, in each at a phase of its own."""
+    number = len(scene.own_phases)
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        start = scene.own_phase(_SUPPLY, number, station, rows)
+        turn = p['rate'] * scene.step(station)[rows, None] * np.arange(x.shape[1]) + start[:, None]
+        return (x * 10.0 ** (p['depth'] * np.sin(2.0 * math.pi * turn) / 20.0)).astype(x.dtype)
+
+    for s in stations:
+        scene.own_phases.append((_SUPPLY, number, s))
+        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+
+
+@_outside('interleaving_gain', 'station', {'step': 'dB', 'period': 'samples'}, linear('step', 0.02, 10.0))
+def _interleaving_gain(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """Interleaved converters of unequal gain: every `period`-th samples are larger."""
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        larger = np.arange(x.shape[1]) % int(p['period']) == 0
+        return (x * 10.0 ** (p['step'] * larger / 20.0)).astype(x.dtype)
+
+    for s in stations:
+        scene.analogue[s].append((Stage.LIMITER, hook))
+
+
+@_outside(
+    'sporadic_drop',
+    'station',
+    {'count': '1', 'time': 's', 'every': '1'},
+    Size('count', lambda s: float(round(s)), 1, 1, 64),
+)
+def _sporadic_drop(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
+    """The interface to the converter loses samples in one sweep of `every`."""
+
+    def hook(scene: Scene, station: int, rows: np.ndarray, codes: np.ndarray) -> np.ndarray:
+        return np.where((rows % int(p['every']) == 0)[:, None], _without_samples(scene, codes, p), codes)
+
+    for s in stations:
+        scene.digital[s].append(hook)
+
+
 # --- of the path and of the reference instrument ---
 
 
@@ -235,6 +283,15 @@ def _swinging_echo(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
     middle = scene.condition.start_frequency + 0.5 * scene.condition.bandwidth
     turned = 2.0 * math.pi * middle / SPEED_OF_LIGHT * moved  # the way changes by far less than a resolution cell
     scene.rays.append(Ray(lambda r: r + p['excess_range'], 10.0 ** (p['relative_power'] / 20.0), turned))
+
+
+@_outside(
+    'triple_trip', 'path', {'relative_power': 'dB', 'phase': 'rad'}, decibel('relative_power', -40.0, -110.0, -1.0)
+)
+def _triple_trip(scene: Scene, _: tuple[int, ...], p: Parameters) -> None:
+    """Both antennas reflect, so the wave comes again after three times the way; stated where the crane is nearest."""
+    weaker = (np.min(scene.distance) / scene.distance) ** 2
+    scene.rays.append(Ray(lambda r: 3.0 * r, 10.0 ** (p['relative_power'] / 20.0) * weaker, p['phase']))
 
 
 @_outside('shadowing', 'path', {'loss': 'dB', 'from': 'm', 'to': 'm'}, linear('loss', 0.2, 30.0))

@@ -187,7 +187,7 @@ def conceal_case(
 
 # --- single effects ---
 
-_FIXED = ('stuck_bit', 'missing_codes', 'dropped_samples')  # come in whole numbers
+_FIXED = ('stuck_bit', 'missing_codes', 'dropped_samples', 'sporadic_drop')  # come in whole numbers
 
 
 def _single(

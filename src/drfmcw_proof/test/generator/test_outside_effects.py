@@ -25,6 +25,15 @@ def test_outside_effects_do_what_their_names_say():
     dropped = samples('dropped_samples', count=3, time=5e-4)
     assert np.array_equal(dropped[:, :1024], plain[:, :1024])
     assert np.array_equal(dropped[:, 1024:-3], plain[:, 1027:])
+    sporadic = samples('sporadic_drop', count=3, time=5e-4, every=2)
+    assert np.array_equal(sporadic[0::2], dropped[0::2]) and np.array_equal(sporadic[1::2], plain[1::2])
+    larger = np.where(np.arange(plain.shape[1]) % 8 == 0, 10.0 ** (2.0 / 20.0), 1.0)
+    assert np.abs(samples('interleaving_gain', step=2.0, period=8) - plain * larger).max() < 2.0  # both are rounded
+    humming = samples('gain_hum', depth=2.0, rate=100.0)
+    strong = np.abs(plain) > 0.5 * plain.max()
+    gains = 20.0 * np.log10(np.where(strong, humming, 1.0) / np.where(strong, plain, 1.0))
+    middle = np.array([np.median(one[on]) for one, on in zip(gains, strong, strict=True)])
+    assert np.abs(gains).max() < 2.1 and np.ptp(middle) > 0.3  # in each sweep another one
     assert np.array_equal(samples('gain_step', step=6.0, time=5e-4)[:, :1024], plain[:, :1024])
     time = np.arange(plain.shape[1]) / c.sample_rate
     for effect, parameters, decibels in (
@@ -122,6 +131,9 @@ def test_outside_effects_of_path_and_reference_do_what_their_names_say():
     moved = 0.1 * np.sin(2.0 * math.pi * 0.3 * swinging.time[rows] + 0.2)
     assert np.allclose(one.turns - other.turns, (moved / wavelength)[:, None], atol=1e-6)
     assert np.allclose(one.amplitude, other.amplitude)
+    length, share = of_ray('triple_trip', relative_power=-20.0, phase=0.1)
+    assert np.allclose(length, 3.0 * far)
+    assert np.allclose(share, 0.1 * (60.0 / far) ** 2)
     scene, _ = with_effect(c, 'rail_bend', height=0.04, length=300.0)
     assert np.allclose(scene.reference()[rows], far - 0.04 * np.sin(math.pi * far / 300.0), atol=1e-12)
     scene, _ = with_effect(c, 'reference_wander', amplitude=0.03, period=100.0, phase=0.2)
