@@ -316,6 +316,23 @@ def test_a_limit_is_sought_beside_phase_noise_of_its_receiver(tmp_path):
     assert found.values['level'] == pytest.approx(-26.0, abs=0.1)
 
 
+def test_a_limit_that_only_the_crests_of_a_ripple_reach_is_sought_beside_the_echo(tmp_path):
+    """An echo of -16 dB raises a line by 1.3 dB in a part of the sweep, and not in the mean: 0.4 dB above the limit.
+
+    The recording is fixed, so nothing is by chance.
+    """
+    condition = random_condition(np.random.default_rng(63), Extent(7, 12))
+    strongest = float(nominal(condition).amplitude(1, np.arange(7 * 12)).max()) / condition.full_scale
+    level = 20.0 * float(np.log10(strongest)) + 0.4
+    values = {'relative_power': -16.0, 'excess_range': 35.0, 'phase': 0.3}
+    effects = Applied('echo', None, values), Applied('clipping', 'slave', {'level': level})
+    search = Search(compared(tmp_path / 'r', 63, *effects), without=set(Effect.registry) - {'echo', 'clipping', 'spur'})
+    echo = search.again(search.fit([beginning('echo', '', {**values, 'phase': 0.0})]))
+    found = search.best_addition(echo)[0].effects[-1]
+    assert found.key == ('clipping', 'slave')
+    assert found.values['level'] == pytest.approx(level, abs=0.2)
+
+
 def test_what_clipping_does_to_strong_sweeps_is_no_burst(tmp_path):
     """The limit is reached at the nearest place alone, by the stronger sweeps more than by the others."""
     clipping = Applied('clipping', 'master', {'level': -25.0})

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from drfmcw_physics.constants import DECIBELS_PER_NEPER
 from drfmcw_sim.effects import Effect
 
 from ...compare.comparison import Comparison
@@ -80,11 +81,22 @@ class Templates:
         return level
 
     def _loudest(self, template: np.ndarray | float) -> float:
-        """Return the largest change of the lines' level in any group [dB]."""
-        rows = self.comparison.entries.where(kind='amplitude')
-        std = self.comparison.std['amplitude'].ravel()
-        decibels = np.broadcast_to(template, len(rows))[rows] * np.where(np.isfinite(std), std, 0.0)
-        return float(np.max(np.abs(decibels), initial=0.0))
+        """Return the largest change of the lines' level in any group, or of its peak within the sweep [dB].
+
+        What rises and falls over the sweep as a cosine has a peak of sqrt(2) times its rms.
+        """
+        c = self.comparison
+        values = np.broadcast_to(template, len(c.residual))
+        level = self._over_stations(values, 'amplitude')[..., None]
+        over_sweep = self._over_stations(values, 'ramp')[:, : level.shape[1]]  # the first channels are log amplitudes
+        ripple = DECIBELS_PER_NEPER * np.sqrt(2.0 * np.mean(over_sweep**2, axis=-1, keepdims=True))
+        return float(np.max(np.abs(level) + ripple, initial=0.0))
+
+    def _over_stations(self, values: np.ndarray, kind: str) -> np.ndarray:
+        """Return what values over standard deviations (n,) are in a kind of number, 0 where it is not compared."""
+        std = np.asarray(self.comparison.std[kind])
+        scaled: np.ndarray = values[self.comparison.entries.where(kind=kind)].reshape(std.shape)
+        return scaled * np.where(np.isfinite(std), std, 0.0)
 
     def _around(self, effects: Sequence[Effect]) -> _Amid:
         """Return amid which effects some are simulated."""
