@@ -312,10 +312,10 @@ class EventLimits:
     """Gain of an effect beyond that of the best event, below which it is in doubt: odds of 20 to 1; chosen."""
 
     parameter: float = 2.0
-    """Gain that each parameter must bring which an effect has more than an event (Akaike 1974)."""
+    """Gain that each parameter must bring which an effect has more than an event [1]; derived (Akaike 1974)."""
 
     of_event: int = 2
-    """Parameters of an event: its time and its size."""
+    """Parameters of an event [1]; derived: its time and its size."""
 
     least_power: float = 0.1
     """Share of an event's power that the other effects must leave of it [1]; chosen."""
@@ -340,7 +340,8 @@ class EventLimits:
     """Samples that a station loses at once, at most, whose turns of the line may exceed half a turn [1]; chosen."""
 
     adequate: float = 1e-3
-    """Gain over what an explanation explains [1], below which an event may be its inaccuracy; as of a remainder."""
+    """Gain over what an explanation explains [1], below which an event may be its inaccuracy; chosen, as of a
+    remainder."""
 
     faint: float = 1e-3
     """Gain of an effect over what is set aside of the same numbers explains, from which on it counts [1]; chosen: that
