@@ -37,8 +37,9 @@ modulated at the same rate, as a second path does that swings, see `compare.stea
 What the noise alone shows is in doubt where the amplitude of the same receiver's line is unexplained by half as many
 decibels: whatever changes a receiver's gain changes both; and where a third of it repeats in each sweep, as what an
 event within the ramp leaves there does. What the received power alone shows is in doubt where the amplitude over the
-sweep is unexplained by half as much: whatever changes that changes its mean. Lines of one receiver are in doubt where
-something is left at their multiples, or one is a harmonic of another. See `receivers`.
+sweep is unexplained by half as much: whatever changes that changes its mean; and where a stretch of a condition
+explains more, see `stretches`. Lines of one receiver are in doubt where something is left at their multiples, or one is
+a harmonic of another. See `receivers`.
 """
 
 import dataclasses

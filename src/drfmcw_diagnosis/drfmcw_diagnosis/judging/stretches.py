@@ -75,7 +75,7 @@ def _worth(stretches: np.ndarray, beside: Freedom, rest: np.ndarray) -> float:
     """
     whole = np.einsum('mn,mn->m', stretches, stretches)
     power = whole - beside.followed(stretches)
-    gains = (stretches @ beside.left(rest)) ** 2 / np.maximum(power, 1e-6 * whole)
+    gains = (stretches @ beside.left(rest)) ** 2 / np.maximum(power, 1e-6 * whole + 1e-30)  # some are not compared
     places = 2.0 * np.log(len(stretches))
     return max(float(gains.max()) - LIMITS.parameter * LIMITS.of_stretch - places, 0.0)
 
