@@ -6,6 +6,8 @@ from comparing import beginning, compared
 from drfmcw_diagnosis.compare.steadiness import LIMITS as STEADINESS
 from drfmcw_diagnosis.compare.steadiness import amplitude_modulations
 from drfmcw_diagnosis.judging import curves
+from drfmcw_diagnosis.judging.bursts import LIMITS as BURSTS
+from drfmcw_diagnosis.judging.bursts import of_lines
 from drfmcw_diagnosis.judging.standing import LIMITS, standings
 from drfmcw_diagnosis.search import events
 from drfmcw_diagnosis.search.leftovers import leftovers
@@ -59,6 +61,23 @@ def test_an_echo_that_swings_is_no_modulation_of_an_oscillator(tmp_path, effect,
     oscillator = Effect.registry['frequency_modulation'](40.0, 5e3, station='master')
     (shown,) = amplitude_modulations(comparison, [oscillator])
     assert (shown > STEADINESS.of_amplitude) == modulated
+
+
+@pytest.mark.parametrize(
+    ('effect', 'values', 'of_line'),
+    [
+        ('sporadic_drop', {'count': 2, 'time': 5e-4, 'every': 4}, True),
+        ('interference_burst', {'probability': 0.25, 'level': -62.0, 'duration': 5e-5}, False),
+    ],
+)
+def test_samples_that_are_lost_in_some_sweeps_are_no_bursts(tmp_path, effect, values, of_line):
+    """What they leave is the line's own power, the stronger the nearer; the recordings are fixed."""
+    search = Search(
+        compared(tmp_path / 'r', 62, Applied(effect, 'slave', values), sweeps=24), without=set(Effect.registry)
+    )
+    start = {'probability': 0.25, 'level': -62.0, 'duration': 5e-5}
+    (ratio,) = of_lines(search, search.fit([beginning('interference_burst', 'slave', start)], 0))
+    assert (ratio > BURSTS.nearer) == of_line
 
 
 def beside_curves(path, concealed, tried):

@@ -28,8 +28,9 @@ course of one receiver's line, see `courses`, and a second path where one of a r
 along a part of the track does, see `paths`. What is left beside an effect is what is left beside the events that are
 set aside as well.
 
-Bursts that last longer than a sweep are in doubt: whatever makes some sweeps noisier than others does as much. A sway
-is where a drift that all groups share explains nearly as much, see `drifts`.
+Bursts that last longer than a sweep are in doubt: whatever makes some sweeps noisier than others does as much. So are
+bursts that are stronger near the line, whose own power they are, see `bursts`. A sway is where a drift that all groups
+share explains nearly as much, see `drifts`.
 
 What has a random phase in each sweep is in doubt where its size scatters as that of noise, or where the amplitudes are
 modulated at the same rate, as a second path does that swings, see `compare.steadiness`.
@@ -59,6 +60,8 @@ from ..search.events import beyond_events, over_set_aside
 from ..search.fits.fitted import Fitted, FittedEffect, Freedom, cells_of, series_of
 from ..search.fits.fitting import Fitting
 from ..search.limits import EVENTS
+from .bursts import LIMITS as BURSTS
+from .bursts import of_lines
 from .curves import LIMITS as CURVES
 from .curves import bent, beyond_steps
 from .drifts import drifting
@@ -144,6 +147,7 @@ class Standing:
     one_size: float = np.inf  # log odds of one size against noise, of effects of random phase
     of_amplitude: float = 0.0  # of effects of random phase
     lasting: float = 0.0  # of bursts
+    of_line: float = 0.0  # of bursts
     drifting: float = 0.0  # of a sway
     is_harmonic: bool = False  # or the fundamental of another line of the explanation
 
@@ -167,6 +171,7 @@ class Standing:
             and self.multiples < LIMITS.multiples
             and self.of_amplitude < STEADINESS.of_amplitude
             and self.lasting < LIMITS.lasting
+            and self.of_line < BURSTS.nearer
             and self.drifting < LIMITS.drifting
             and not self.is_harmonic
             and self.inflated < LIMITS.inflated
@@ -231,6 +236,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
     inflations = _inflations(fitted, slopes, by_range)
     beyond, one_size = beyond_events(fitting, fitted), odds_of_one_size(fitting.comparison, fitted.build())
     of_amplitude = amplitude_modulations(fitting.comparison, fitted.build())
+    lines = of_lines(fitting, fitted)
     cancelled, steps = cancellations(fitting, fitted), beyond_steps(fitting, fitted)
     paths, periodic = beyond_paths(fitting, fitted), harmonics(fitting, fitted)
     courses, stretches = beyond_courses(fitting, fitted), beyond_stretches(fitting, fitted)
@@ -299,6 +305,7 @@ def standings(fitting: Fitting, fitted: Fitted) -> list[Standing]:
                 beyond_path=paths[number],
                 one_size=one_size[number],
                 of_amplitude=of_amplitude[number],
+                of_line=lines[number],
                 lasting=_lasting(fitting, fitted.effects[number]) if bursts else 0.0,
                 drifting=drifts[number],
                 is_harmonic=periodic[number],

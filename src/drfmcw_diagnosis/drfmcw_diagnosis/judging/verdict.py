@@ -14,7 +14,7 @@ from ..search.leftovers import Leftover, leftovers
 from ..search.limits import EVENTS, SEARCH, SELECTION
 from ..search.search import Search
 from ..search.selection import Found, better_bent, forward, pruned, united_with
-from . import curves, paths, standing, stretches
+from . import bursts, curves, paths, standing, stretches
 from .receivers import harmonics
 from .rivals import rivals, widened
 from .standing import standings
@@ -279,6 +279,8 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
     """
     if not left:
         return not _is_imitation(search, fitted)
+    if max(bursts.of_lines(search, fitted)) > bursts.LIMITS.nearer:
+        return False
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     explained = _explained(search, fitted)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}
@@ -307,6 +309,8 @@ def _is_imitation(search: Search, fitted: Fitted) -> bool:
     if min(steadiness.odds_of_one_size(search.comparison, fitted.build())) < steadiness.LIMITS.unlikely:
         return True
     if max(steadiness.amplitude_modulations(search.comparison, fitted.build())) > steadiness.LIMITS.of_amplitude:
+        return True
+    if max(bursts.of_lines(search, fitted)) > bursts.LIMITS.nearer:
         return True
     cancelled = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
     return cancelled or any(harmonics(search, fitted)) or any(standing.uneven(search, fitted))
