@@ -60,11 +60,13 @@ def _ratio(fitting: Fitting, receiver: int) -> float:
         if free.all() or np.count_nonzero(free) < LIMITS.sweeps:
             continue
         each = as_complex(samples[rows].astype(np.float32), c.recorded.topology.iq)
-        power = np.abs(np.fft.fft(each * np.hanning(each.shape[1]), axis=1)[:, : each.shape[1] // 2]) ** 2
+        power = np.abs(np.fft.fft(each * np.hanning(each.shape[1]), axis=1)) ** 2
         power /= np.median(power.max(axis=1))
+        frequency = np.fft.fftfreq(each.shape[1], 1.0 / each.shape[1])  # [resolution cells]
         place = float(sweeps.line[:, receiver].mean()) / c.recorded.sample_rate * each.shape[1]
-        away = np.abs(np.arange(power.shape[1]) - place)
-        near, far = (away >= LIMITS.near[0]) & (away < LIMITS.near[1]), away >= LIMITS.far
+        away = np.abs(frequency - place)
+        used = (frequency >= 0.0) | c.recorded.topology.iq  # of real samples the others are the same again
+        near, far = used & (away >= LIMITS.near[0]) & (away < LIMITS.near[1]), used & (away >= LIMITS.far)
         loud, others = power[~free].sum(axis=0), power[free].mean(axis=0) * np.count_nonzero(~free)
         sums += [(loud - others)[near].mean(), (loud - others)[far].mean(), others[near].mean()]
         count += int(np.count_nonzero(~free))
