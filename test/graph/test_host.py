@@ -228,11 +228,15 @@ def test_calibration_is_compared_stored_refused_and_taken_back(site):
         content = yaml.safe_load(editor.input_value())
         content['delay']['value'] += delay
         content['note'] = HOSTILE
-        editor.fill(json.dumps(content))
-        page.get_by_role('button', name='Compare with the one in use').last.click()
         compared = page.locator('[data-comparison=master]')
         row = compared.locator('[data-value="delay.value"] td')
-        row.first.wait_for()
+        for _ in range(3):  # a busy page may take the copy over once more, in the place of what was typed
+            editor.fill(json.dumps(content))
+            page.get_by_role('button', name='Compare with the one in use').last.click()
+            row.first.wait_for()
+            with contextlib.suppress(AssertionError):
+                expect(row.nth(3)).to_have_text('14')
+                break
         assert row.all_text_contents()[1:] == ['ns', '12', '14', '+2']
         effect = compared.locator('[data-effect="master/slave 1000"] td')
         assert float(effect.nth(2).text_content().split()[0]) == pytest.approx(1e3 * shift, abs=0.5)
