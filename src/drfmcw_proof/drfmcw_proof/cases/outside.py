@@ -60,15 +60,20 @@ def _gain_sag(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     _weigh(scene, stations, lambda u: -p['sag'] * np.exp(-u / p['time_constant']))
 
 
-def _weigh(scene: Scene, stations: tuple[int, ...], decibels: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Change the IF amplifier's gain [dB] by the time in the sweep [s]."""
+def _weigh(
+    scene: Scene,
+    stations: tuple[int, ...],
+    decibels: Callable[[np.ndarray], np.ndarray],
+    stage: Stage = Stage.AMPLIFIER,
+) -> None:
+    """Change the gain of a stage [dB] by the time in the sweep [s]."""
 
     def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
         u = scene.step(station)[rows, None] * np.arange(x.shape[1])
         return (x * 10.0 ** (decibels(u) / 20.0)).astype(x.dtype)
 
     for s in stations:
-        scene.analogue[s].append((Stage.AMPLIFIER, hook))
+        scene.analogue[s].append((stage, hook))
 
 
 @_outside('phase_jump', 'station', {'angle': 'rad', 'time': 's'}, linear('angle', 0.003, 3.0))
@@ -161,12 +166,7 @@ def _frequency_glitch(scene: Scene, stations: tuple[int, ...], p: Parameters) ->
 @_outside('interleaving', 'station', {'skew': 's', 'period': 'samples'}, linear('skew', 2e-9, 2e-7))
 def _interleaving(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """Interleaved converters of unequal timing: every `period`-th samples are taken late."""
-
-    def warp(scene: Scene, rows: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return u + p['skew'] * (np.arange(u.shape[1]) % int(p['period']) == 0)
-
-    for s in stations:
-        scene.warp[s].append(warp)
+    _shift(scene, stations, lambda u: p['skew'] * (np.arange(u.shape[1]) % int(p['period']) == 0))
 
 
 @_outside('sampling_ripple', 'station', {'skew': 's', 'rate': 'Hz', 'phase': 'rad'}, linear('skew', 2e-9, 5e-7))
@@ -243,13 +243,8 @@ def _gain_hum(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
 @_outside('interleaving_gain', 'station', {'step': 'dB', 'period': 'samples'}, linear('step', 0.02, 10.0))
 def _interleaving_gain(scene: Scene, stations: tuple[int, ...], p: Parameters) -> None:
     """Interleaved converters of unequal gain: every `period`-th samples are larger."""
-
-    def hook(scene: Scene, station: int, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-        larger = np.arange(x.shape[1]) % int(p['period']) == 0
-        return (x * 10.0 ** (p['step'] * larger / 20.0)).astype(x.dtype)
-
-    for s in stations:
-        scene.analogue[s].append((Stage.LIMITER, hook))
+    larger = p['step'] * (np.arange(scene.condition.sample_count) % int(p['period']) == 0)
+    _weigh(scene, stations, lambda u: larger, Stage.LIMITER)
 
 
 @_outside(
