@@ -46,8 +46,11 @@ def of_lines(fitting: Fitting, fitted: Fitted) -> list[float]:
         fitting: of the recording.
         fitted: the explanation.
     """
-    bursting = [effect if effect.candidate.kind.bursts else None for effect in fitted.effects]
-    return [max((_ratio(fitting, i) for i in receivers_of(fitting, e)), default=0.0) if e else 0.0 for e in bursting]
+    found = [0.0] * len(fitted.effects)
+    for number, effect in enumerate(fitted.effects):
+        if effect.candidate.kind.bursts:
+            found[number] = max((_ratio(fitting, i) for i in receivers_of(fitting, effect)), default=0.0)
+    return found
 
 
 def _ratio(fitting: Fitting, receiver: int) -> float:

@@ -277,10 +277,10 @@ def _holds(search: Search, fitted: Fitted, left: list[Leftover]) -> bool:
 
     Bursts need not stand: how many a distance holds is chance.
     """
-    if not left:
-        return not _is_imitation(search, fitted)
     if max(bursts.of_lines(search, fitted)) > bursts.LIMITS.nearer:
         return False
+    if not left:
+        return not _is_imitation(search, fitted)
     of_codes = any(_rows(search, x).size == 0 for x in left)  # ADC codes, on which no effect acts
     explained = _explained(search, fitted)
     exact = {kind.name for kind in search.comparison.kinds if kind.exact}
@@ -309,8 +309,6 @@ def _is_imitation(search: Search, fitted: Fitted) -> bool:
     if min(steadiness.odds_of_one_size(search.comparison, fitted.build())) < steadiness.LIMITS.unlikely:
         return True
     if max(steadiness.amplitude_modulations(search.comparison, fitted.build())) > steadiness.LIMITS.of_amplitude:
-        return True
-    if max(bursts.of_lines(search, fitted)) > bursts.LIMITS.nearer:
         return True
     cancelled = any(power > standing.LIMITS.cancelled for power in standing.cancellations(search, fitted))
     return cancelled or any(harmonics(search, fitted)) or any(standing.uneven(search, fitted))
